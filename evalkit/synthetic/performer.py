@@ -1,0 +1,128 @@
+"""Performers: where the markers, the neck pivot and the jaw axis of a face are.
+
+The head frame has its axes along those of the world when the head is in its neutral pose: x to the
+performer's left, y up, z forward, mm. Its origin is that of the ICT-FaceKit neutral face [1]_, about the
+middle of the head between the jaw joints.
+
+Every marker site below was read off that neutral face (the skin vertex nearest to the site in the frontal
+plane, mean of the vertices around it, rounded to 0.5 mm, left and right made symmetric). The face has
+adult proportions: outer eye corners 89 mm apart, nasion to chin 113 mm.
+
+References
+----------
+.. [1] R. Li et al., "Learning Formation of Physically-Based Face Attributes", CVPR 2020; ICT-FaceKit,
+   https://github.com/ICT-VGL/ICT-FaceKit, MIT licence.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evalkit.seeds import generator
+
+PAPER_23: dict[str, tuple[float, float, float]] = {
+    # the rigid triangle on the forehead
+    "ForeheadC": (0.0, 104.5, 90.5),
+    "ForeheadL": (22.5, 76.5, 100.5),
+    "ForeheadR": (-22.5, 76.5, 100.5),
+    "BrowInL": (15.0, 60.0, 107.0),
+    "BrowInR": (-15.0, 60.0, 107.0),
+    "BrowOutL": (47.0, 60.5, 92.0),
+    "BrowOutR": (-47.0, 60.5, 92.0),
+    "LidL": (32.0, 40.0, 95.5),
+    "LidR": (-32.0, 40.0, 95.5),
+    "NoseBridge": (0.0, 35.5, 108.5),
+    "NoseL": (16.0, -6.0, 112.5),
+    "NoseR": (-16.0, -6.0, 112.5),
+    "CheekL": (45.0, 0.0, 93.5),
+    "CheekR": (-45.0, 0.0, 93.5),
+    "UpperLipC": (0.0, -23.5, 117.5),
+    "UpperLipL": (12.0, -25.0, 115.0),
+    "UpperLipR": (-12.0, -25.0, 115.0),
+    "MouthL": (27.0, -35.0, 102.0),
+    "MouthR": (-27.0, -35.0, 102.0),
+    "LowerLipC": (0.0, -45.5, 113.5),
+    "LowerLipL": (13.0, -43.5, 111.5),
+    "LowerLipR": (-13.0, -43.5, 111.5),
+    "Chin": (0.0, -65.5, 110.0),
+}
+"""Label -> marker site in the head frame, mm: 23 markers as in Huang, Lin & Ouhyoung 2000, Fig. 1(b)."""
+
+LAYOUTS = {"paper-23": PAPER_23}
+"""Name -> marker layout."""
+
+RIGID = ("ForeheadC", "ForeheadL", "ForeheadR")
+"""The markers taken as rigid with the skull: the forehead triangle."""
+
+EAR_CANAL = np.array([0.0, 23.0, 6.0])
+"""Mid-point between the ear canals, mm, read off the same face."""
+
+PIVOT = EAR_CANAL + np.array([0.0, -26.0, -11.0]) + np.array([0.0, -57.0, 5.0])
+"""Neck pivot in the head frame, mm.
+
+The occipital condyles lie about 26 mm below and 11 mm behind the ear canals (the head-neck joint of the
+crash-test literature); nods, turns and tilts of some 20° are shared by the vertebrae below, so the single
+centre of the whole motion is put about three vertebrae (57 mm) lower and slightly forward, near C4. It is
+175 mm from the centre of the forehead triangle. The last step is an assumption, not a measurement.
+"""
+
+JAW_AXIS = EAR_CANAL + np.array([0.0, -5.0, 19.0])
+"""A point of the jaw's hinge axis (parallel to x through the condyles, just before the ears), mm."""
+
+STANDING_AT = np.array([140.0, 1520.0, 260.0])
+"""World position of the head frame's origin, mm; the world's origin is on the floor, off to a side."""
+
+
+@dataclass(frozen=True)
+class Performer:
+    """One performer in the head frame.
+
+    Parameters
+    ----------
+    labels : tuple of str, length M
+        Marker names.
+    rigid : tuple of str
+        The labels that are taken as rigid with the skull.
+    sites : ndarray, shape (M, 3)
+        Marker positions of the face at rest, mm.
+    pivot : ndarray, shape (3,)
+        Neck pivot, mm.
+    jaw_axis : ndarray, shape (3,)
+        A point of the jaw's hinge axis, which is parallel to x, mm.
+    """
+
+    labels: tuple[str, ...]
+    rigid: tuple[str, ...]
+    sites: NDArray[np.float64]
+    pivot: NDArray[np.float64]
+    jaw_axis: NDArray[np.float64]
+
+
+def make_performer(layout: str = "paper-23", number: int = 0) -> Performer:
+    """A performer wearing a marker layout.
+
+    Parameters
+    ----------
+    layout : str
+        Name in `LAYOUTS`.
+    number : int
+        0 is the average face above. Any other number is another person, the same whenever asked for: width,
+        height and depth of the face vary by 4 % (standard deviation), each marker is stuck on 1.5 mm off its
+        site within the frontal plane, and the pivot is 6 mm off per axis (2 mm sideways).
+
+    Returns
+    -------
+    Performer
+    """
+    sites = np.array(list(LAYOUTS[layout].values()))
+    pivot, jaw_axis = PIVOT.copy(), JAW_AXIS.copy()
+    if number:
+        random = generator("performer", seed=number)
+        size = 1 + 0.04 * random.standard_normal(3).clip(-2.5, 2.5)
+        sites, pivot, jaw_axis = sites * size, pivot * size, jaw_axis * size
+        pivot += random.normal(scale=(2.0, 6.0, 6.0))
+        sites[:, :2] += random.normal(scale=1.5, size=(len(sites), 2))
+    return Performer(tuple(LAYOUTS[layout]), RIGID, sites, pivot, jaw_axis)
