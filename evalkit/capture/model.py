@@ -76,6 +76,33 @@ class Capture:
         array = np.array(points, dtype=np.float64, order="C")
         if array.ndim != 3 or array.shape[2] != 3:
             raise CaptureError(f"points have shape {array.shape}; expected (frames, markers, 3)")
+        seen = np.isfinite(array[:, :, 0])
+        seen &= np.isfinite(array[:, :, 1])
+        seen &= np.isfinite(array[:, :, 2])
+        if not seen.all():
+            array[~seen] = np.nan
+        self._fill(array, labels, rate, unit, first_frame, axes, quantities, warnings, source)
+
+    @classmethod
+    def _adopt(cls, points: NDArray[np.float64], **rest: Any) -> Capture:
+        """A take that owns `points` instead of a copy; for readers, which mark occlusions themselves."""
+        take = cls.__new__(cls)
+        defaults = {"first_frame": 1, "axes": None, "quantities": (), "warnings": (), "source": None}
+        take._fill(points, **(defaults | rest))
+        return take
+
+    def _fill(
+        self,
+        array: NDArray[np.float64],
+        labels: Sequence[str],
+        rate: float,
+        unit: str,
+        first_frame: int,
+        axes: tuple[str, str] | None,
+        quantities: Sequence[str],
+        warnings: Sequence[str],
+        source: Any,
+    ) -> None:
         names = [str(label) for label in labels]
         if len(names) != array.shape[1]:
             raise CaptureError(f"{len(names)} labels for {array.shape[1]} markers; give one label a marker")
@@ -85,13 +112,12 @@ class Capture:
         if not (np.isfinite(rate) and rate > 0):
             raise CaptureError(f"frame rate {rate!r} is not a positive number of frames per second")
         if unit not in MILLIMETRES:
-            raise CaptureError(f"unit '{unit}' is not a known unit of length; use one of {', '.join(MILLIMETRES)}")
+            raise CaptureError(
+                f"unit '{unit}' is not a known unit of length; use one of {', '.join(MILLIMETRES)}"
+            )
         kinds = list(quantities) or ["position"] * len(names)
         if len(kinds) != len(names):
             raise CaptureError(f"{len(kinds)} quantities for {len(names)} markers; give one a marker")
-        missing = ~np.isfinite(array).all(axis=2)
-        if missing.any():
-            array[missing] = np.nan
         for name, value in (
             ("points", array), ("labels", names), ("rate", float(rate)), ("unit", unit),
             ("first_frame", int(first_frame)), ("axes", axes), ("quantities", kinds),
@@ -128,8 +154,10 @@ class Capture:
             if label not in columns:
                 lower = {name.lower(): name for name in self.labels}
                 near = [lower[n] for n in difflib.get_close_matches(label.lower(), lower, n=3, cutoff=0.5)]
-                hint = f"; did you mean {' or '.join(near)}?" if near else f"; it has {', '.join(self.labels[:12])}" + (
-                    " ..." if len(self.labels) > 12 else ""
+                hint = (
+                    f"; did you mean {' or '.join(near)}?"
+                    if near
+                    else f"; it has {', '.join(self.labels[:12])}" + (" ..." if len(self.labels) > 12 else "")
                 )
                 raise CaptureError(f"marker '{label}' is not in the capture{hint}")
             found.append(columns[label])
