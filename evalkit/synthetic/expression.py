@@ -24,7 +24,13 @@ from evalkit.synthetic.motion import minimum_jerk
 from evalkit.synthetic.performer import Performer
 
 JAW_DEG = 15.0
-"""Jaw opening at full strength, deg: the chin goes down by about 27 mm."""
+"""Jaw opening at full strength, deg."""
+
+JAW_GLIDE = np.array([0.0, -1.0, 4.0])
+"""Glide of the hinge axis at full strength, mm: the condyles slide forward and down as the jaw opens.
+
+With `JAW_DEG` the chin goes 20 mm down and 20 mm back.
+"""
 
 JAW_LINE_MM = (-29.5, -44.0)
 """Height in the head frame over which skin begins to follow the jaw (upper lip 0, lower lip 1), mm."""
@@ -279,8 +285,9 @@ def express(
                 out=block.reshape(len(block), -1),
             )
         # Opening the jaw is a positive turn about x: down and back. Partial followers turn by a part of it.
-        angle = np.deg2rad(JAW_DEG) * amplitude * jaw[frames, None] * share[follows]
+        opening = amplitude * jaw[frames, None] * share[follows]
+        cos, sin = np.cos(np.deg2rad(JAW_DEG) * opening), np.sin(np.deg2rad(JAW_DEG) * opening)
         y, z = lever[:, 1], lever[:, 2]
-        block[:, follows, 1] += y * (np.cos(angle) - 1) - z * np.sin(angle)
-        block[:, follows, 2] += y * np.sin(angle) + z * (np.cos(angle) - 1)
+        block[:, follows, 1] += y * (cos - 1) - z * sin + JAW_GLIDE[1] * opening
+        block[:, follows, 2] += y * sin + z * (cos - 1) + JAW_GLIDE[2] * opening
     return expression

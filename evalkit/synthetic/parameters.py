@@ -105,8 +105,10 @@ class Parameters:
             if name != "range_deg":
                 object.__setattr__(self, name, _number(name, getattr(self, name)))
         object.__setattr__(self, "range_deg", _angles(self.range_deg))
-        if self.layout not in LAYOUTS:
+        if not isinstance(self.layout, str) or self.layout not in LAYOUTS:
             raise EvalkitError(f"layout {self.layout!r} is not one of {', '.join(LAYOUTS)}")
+        if not isinstance(self.actions, Iterable):
+            raise EvalkitError(f"actions = {self.actions!r} are not names out of {', '.join(ACTION_NAMES)}")
         actions = (self.actions,) if isinstance(self.actions, str) else tuple(self.actions)
         for action in actions:
             if action not in ACTION_NAMES:
@@ -149,7 +151,7 @@ def _number(name: str, value: object) -> float | int:
     low, high = LIMITS[name]
     if isinstance(value, bool) or not isinstance(value, Integral if whole else Real):
         raise EvalkitError(f"{name} = {value!r} is not {kind} from {low:g} to {high:g}")
-    number = int(value) if whole else float(value)  # type: ignore[arg-type]
+    number = int(value) if whole and isinstance(value, Integral) else float(value)
     if not (math.isfinite(number) and low <= number <= high):
         raise EvalkitError(f"{name} = {value!r} is not {kind} from {low:g} to {high:g}")
     return number
@@ -269,7 +271,7 @@ def preset_parameters(preset: str, overrides: Mapping[str, Any]) -> Parameters:
     EvalkitError
         If the preset or an override is not known or a value does not fit.
     """
-    if preset not in PRESETS:
+    if not isinstance(preset, str) or preset not in PRESETS:
         near = difflib.get_close_matches(str(preset).lower().replace("_", "-"), PRESETS, n=1, cutoff=0.4)
         hint = f"did you mean '{near[0]}'?" if near else f"known are {', '.join(PRESETS)}"
         raise EvalkitError(f"preset {str(preset)!r} is not known; {hint}")

@@ -54,7 +54,7 @@ def synthesize(
     if isinstance(preset, Parameters):
         name, parameters = "custom", preset.replaced(overrides)
     else:
-        name, parameters = str(preset), preset_parameters(preset, overrides)
+        name, parameters = preset, preset_parameters(preset, overrides)
     seed_sequence(seed=seed)  # refuses what is not a seed, even if no part of this take draws
     seed = int(seed)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import io
 import json
 import zipfile
 import zlib
@@ -17,6 +18,30 @@ from evalkit.errors import EvalkitError
 
 FORMAT = 1
 """Version of the truth file."""
+
+
+UNREADABLE = (
+    ValueError,
+    KeyError,
+    EOFError,
+    zlib.error,
+    MemoryError,
+    NotImplementedError,
+    RuntimeError,
+    SyntaxError,
+)
+"""What zipfile, zlib, json and NumPy raise on damaged bytes, besides BadZipFile and OSError."""
+
+ARRAYS = {
+    "rotations": ("F", "", ""),
+    "translations": ("F", ""),
+    "pivot": ("",),
+    "sway": ("F", ""),
+    "neutral": ("M", ""),
+    "expression": ("F", "M", ""),
+    "visible": ("F", "M"),
+}
+"""Array -> its axes: F frames, M markers, otherwise 3."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,34 +150,42 @@ class Truth:
             If the file cannot be read, is not a truth file, or its parts do not fit together.
         """
         try:
-            # np.load would try any file as a pickle of sorts; only a zip archive can be ours.
-            with Path(path).open("rb") as file:
-                if file.read(2) != b"PK":
-                    raise EvalkitError(f"{path}: not a truth file (.npz written by evalkit)")
-            with np.load(path, allow_pickle=False) as archive:
-                missing = [name for name in ("facts", *ARRAYS) if name not in archive.files]
+            # Member by member and not by np.load: zipfile checks each one's checksum, so that NumPy never
+            # interprets a damaged header.
+            with zipfile.ZipFile(path) as archive:
+                names = [name.removesuffix(".npy") for name in archive.namelist()]
+                missing = [name for name in ("facts", *ARRAYS) if name not in names]
                 if missing:
                     raise EvalkitError(f"{path}: not a truth file; it lacks {', '.join(missing)}")
-                facts = json.loads(str(archive["facts"]))
-                arrays = {name: archive[name] for name in ARRAYS}
+                parts = {
+                    name: np.lib.format.read_array(
+                        io.BytesIO(archive.read(f"{name}.npy")), allow_pickle=False
+                    )
+                    for name in ("facts", *ARRAYS)
+                }
+            facts = json.loads(str(parts.pop("facts")))
+        except zipfile.BadZipFile as error:
+            raise EvalkitError(f"{path}: not a truth file, or a damaged one ({error})") from error
         except OSError as error:
             raise EvalkitError(f"{path}: cannot read the truth ({error.strerror or error})") from error
-        except (ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error, MemoryError) as error:
+        except UNREADABLE as error:
             reason = " ".join(str(error).split())[:120]
             raise EvalkitError(f"{path}: the truth file is damaged ({reason})") from error
-        return cls._checked(path, facts, arrays)
+        return cls._checked(path, facts, parts)
 
     @classmethod
     def _checked(cls, path: str | Path, facts: Any, arrays: dict[str, NDArray[Any]]) -> Truth:
         """The truth from the parts of a file, if they fit together."""
-        expected = {
+        expected: dict[str, type | tuple[type, ...]] = {
             "format": int,
             "noise_mm": (int, float),
             "labels": list,
             "rigid": list,
             "rate": (int, float),
+            "preset": str,
+            "seed": int,
+            "parameters": dict,
         }
-        expected |= {"preset": str, "seed": int, "parameters": dict}
         if not isinstance(facts, dict):
             raise EvalkitError(f"{path}: the truth's facts are not a table")
         for name, kind in expected.items():
@@ -193,15 +226,3 @@ class Truth:
             seed=facts["seed"],
             parameters=facts["parameters"],
         )
-
-
-ARRAYS = {
-    "rotations": ("F", "", ""),
-    "translations": ("F", ""),
-    "pivot": ("",),
-    "sway": ("F", ""),
-    "neutral": ("M", ""),
-    "expression": ("F", "M", ""),
-    "visible": ("F", "M"),
-}
-"""Array -> its axes: F frames, M markers, otherwise 3."""
