@@ -259,7 +259,7 @@ def express(
     ndarray, shape (F, M, 3)
         E, mm.
     """
-    sites = performer.sites
+    sites = performer.sites / performer.size
     shape = (len(times), *sites.shape)
     units = activations(times, actions, liveliness, seed)
     rigid = np.isin(performer.labels, performer.rigid)
@@ -269,11 +269,11 @@ def express(
         field[rigid] = skin * displacement_field(UNITS[SLIDES[unit]], sites[rigid]) if unit in SLIDES else 0.0
         if field.any():
             curves.append(curve)
-            fields.append(field.ravel())
+            fields.append((field * performer.size).ravel())
     jaw = units.get("jaw", np.zeros(len(times)))
     share = np.where(rigid, 0.0, jaw_share(sites))
     follows = np.flatnonzero(share)
-    lever = sites[follows] - performer.jaw_axis
+    lever = performer.sites[follows] - performer.jaw_axis
     expression = np.zeros(shape)
     for start in range(0, len(times), BLOCK):
         block = expression[start : start + BLOCK]

@@ -92,6 +92,9 @@ class Performer:
         Neck pivot, mm.
     jaw_axis : ndarray, shape (3,)
         A point of the jaw's hinge axis, which is parallel to x, mm.
+    size : ndarray, shape (3,)
+        Width, height and depth relative to the average face. ``sites / size`` is where the markers would be
+        on the average face, for which the expressions are described.
     """
 
     labels: tuple[str, ...]
@@ -99,6 +102,7 @@ class Performer:
     sites: NDArray[np.float64]
     pivot: NDArray[np.float64]
     jaw_axis: NDArray[np.float64]
+    size: NDArray[np.float64]
 
 
 def make_performer(layout: str = "paper-23", number: int = 0) -> Performer:
@@ -118,11 +122,11 @@ def make_performer(layout: str = "paper-23", number: int = 0) -> Performer:
     Performer
     """
     sites = np.array(list(LAYOUTS[layout].values()))
-    pivot, jaw_axis = PIVOT.copy(), JAW_AXIS.copy()
+    pivot, jaw_axis, size = PIVOT.copy(), JAW_AXIS.copy(), np.ones(3)
     if number:
         random = generator("performer", seed=number)
         size = 1 + 0.04 * random.standard_normal(3).clip(-2.5, 2.5)
         sites, pivot, jaw_axis = sites * size, pivot * size, jaw_axis * size
         pivot += random.normal(scale=(2.0, 6.0, 6.0))
         sites[:, :2] += random.normal(scale=1.5, size=(len(sites), 2))
-    return Performer(tuple(LAYOUTS[layout]), RIGID, sites, pivot, jaw_axis)
+    return Performer(tuple(LAYOUTS[layout]), RIGID, sites, pivot, jaw_axis, size)
