@@ -12,6 +12,8 @@ References
 ----------
 .. [1] R. Li et al., "Learning Formation of Physically-Based Face Attributes", CVPR 2020; ICT-FaceKit,
    https://github.com/ICT-VGL/ICT-FaceKit, MIT licence.
+.. [2] V. C. Chancey, D. Ottaviano, B. S. Myers, R. W. Nightingale, "A kinematic and anthropometric study of
+   the upper cervical spine and the occipital condyles", Journal of Biomechanics 40(9), 2007, 1953-1959.
 """
 
 from __future__ import annotations
@@ -60,13 +62,13 @@ RIGID = ("ForeheadC", "ForeheadL", "ForeheadR")
 EAR_CANAL = np.array([0.0, 23.0, 6.0])
 """Mid-point between the ear canals, mm, read off the same face."""
 
-PIVOT = EAR_CANAL + np.array([0.0, -26.0, -11.0]) + np.array([0.0, -57.0, 5.0])
-"""Neck pivot in the head frame, mm.
+PIVOT = EAR_CANAL + np.array([0.0, -83.0, -6.0])
+"""Neck pivot in the head frame, mm: about the joint between the third and fourth vertebra.
 
-The occipital condyles lie about 26 mm below and 11 mm behind the ear canals (the head-neck joint of the
-crash-test literature); nods, turns and tilts of some 20° are shared by the vertebrae below, so the single
-centre of the whole motion is put about three vertebrae (57 mm) lower and slightly forward, near C4. It is
-175 mm from the centre of the forehead triangle. The last step is an assumption, not a measurement.
+Seen from the ear canals, the occipital condyles lie 31 mm below and 18 mm behind, and the centre of rotation
+between the first two vertebrae 47 mm below and 7 mm behind [2]_. Motions of some 20° are shared with the
+vertebrae below these, so the one centre that stands for all is put 36 mm lower still, which is an assumption
+and not a measurement. It is 175 mm from the centre of the forehead triangle.
 """
 
 JAW_AXIS = EAR_CANAL + np.array([0.0, -5.0, 19.0])
