@@ -1,0 +1,60 @@
+"""Facial motion capture from raw markers to a believable animated face, every step measured against truth.
+
+The public names below are loaded when they are first used: importing evalkit loads neither VTK, NLopt,
+matplotlib nor SciPy.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from evalkit.errors import CaptureError, EvalkitError, FrameStatus
+
+if TYPE_CHECKING:
+    from evalkit.capture import Capture, read_capture, write_capture
+    from evalkit.compensation import Compensation, compensate, compensate_as_published
+    from evalkit.pivot import pivot_estimators
+    from evalkit.pose import pose_estimators
+    from evalkit.synthetic import synthesize
+
+__version__ = "0.1.0"
+
+_HOMES = {
+    "Capture": "evalkit.capture",
+    "read_capture": "evalkit.capture",
+    "write_capture": "evalkit.capture",
+    "Compensation": "evalkit.compensation",
+    "compensate": "evalkit.compensation",
+    "compensate_as_published": "evalkit.compensation",
+    "pose_estimators": "evalkit.pose",
+    "pivot_estimators": "evalkit.pivot",
+    "synthesize": "evalkit.synthetic",
+}
+
+__all__ = [
+    "Capture",
+    "CaptureError",
+    "Compensation",
+    "EvalkitError",
+    "FrameStatus",
+    "compensate",
+    "compensate_as_published",
+    "pivot_estimators",
+    "pose_estimators",
+    "read_capture",
+    "synthesize",
+    "write_capture",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name in _HOMES:
+        value = getattr(import_module(_HOMES[name]), name)
+        globals()[name] = value
+        return value
+    raise AttributeError(f"module 'evalkit' has no attribute '{name}'")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_HOMES})

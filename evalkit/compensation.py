@@ -1,0 +1,363 @@
+"""Head motion out of a take: rotation, pivot and sway together, and their undoing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from evalkit.capture import Capture
+from evalkit.capture.origin import local_origin
+from evalkit.capture.rigid import RigidMarkers, choose_rigid
+from evalkit.errors import EvalkitError, FrameStatus
+from evalkit.geometry import Array, mean_rotation, rotation_angle, undo_motion
+from evalkit.pivot import Pivot, pivot_estimators
+from evalkit.pivot.sway import smooth_sway
+from evalkit.pose import Pose, PoseEstimator, pose_estimators, reference_pose
+from evalkit.pose.reference import Reference
+
+DEFAULT_POSE = "svd"
+DEFAULT_PIVOT = "score"
+
+BODY_MM = 500.0
+"""A take that spreads further than this shows more than a head."""
+
+
+@dataclass(frozen=True, eq=False)
+class Compensation:
+    """A take without its head motion, and the motion.
+
+    Every position is in mm and world axes; ``x = R P + T`` with ``T = (I - R) O + s``.
+
+    Attributes
+    ----------
+    capture : Capture
+        Expression only: every marker in the reference pose, NaN in frames whose head pose is unknown.
+    rotations : ndarray, shape (F, 3, 3)
+    translations : ndarray, shape (F, 3)
+    pivot : ndarray, shape (3,)
+        O, in the reference pose.
+    pivot_covariance : ndarray, shape (3, 3), mm²
+        Infinite along axes that the motion does not show.
+    sway : ndarray, shape (F, 3)
+        s, the pivot's own displacement.
+    rigid : list of str
+        Labels used.
+    status : str
+        The pivot's: ``ok``, ``poorly-observable``, ``unobservable`` or ``not-converged``.
+    frame_status : ndarray of int8, shape (F,)
+        :class:`~evalkit.errors.FrameStatus` of every frame.
+    frame_residual, marker_residual : ndarray, shapes (F,) and (R,)
+        Root-mean-square distance of the rigid markers from the fitted motion, per frame and per marker.
+    warnings : list of str
+        What a user should know before trusting the result, in words.
+    template : ndarray, shape (R, 3)
+        The rigid shape in the reference pose.
+    chosen : RigidMarkers
+        With the evidence for the choice.
+    estimate : Pivot
+        What the pivot estimator gave, with its trace.
+    pose_method, pivot_method, reference, sway_mode, origin
+        How it was done; origin is the local origin that searches start from and are pulled towards.
+    outer : list of dict
+        Outer iterations of the paper's alternation; empty otherwise.
+    """
+
+    capture: Capture
+    rotations: Array
+    translations: Array
+    pivot: Array
+    pivot_covariance: Array
+    sway: Array
+    rigid: list[str]
+    status: str
+    frame_status: np.ndarray
+    frame_residual: Array
+    marker_residual: Array
+    warnings: list[str]
+    template: Array
+    chosen: RigidMarkers
+    estimate: Pivot
+    pose_method: str
+    pivot_method: str
+    reference: Reference
+    sway_mode: str | float
+    origin: Array
+    outer: list[dict[str, Any]] = field(default_factory=list)
+
+
+def compensate(
+    take: Capture,
+    rigid: str | Sequence[str] = "auto",
+    pose: str = DEFAULT_POSE,
+    pivot: str = DEFAULT_PIVOT,
+    sway: str | float = "auto",
+    reference: Reference = "mean",
+    origin: ArrayLike | None = None,
+    **pivot_options: Any,
+) -> Compensation:
+    """Estimate the head's motion from the rigid markers and undo it for every marker.
+
+    Parameters
+    ----------
+    take : Capture
+    rigid : "auto" or sequence of str
+        Markers that move with the skull, at least three not in one line.
+    pose, pivot : str
+        Names in ``evalkit.pose_estimators`` and ``evalkit.pivot_estimators``.
+    sway : "auto", "none" or float
+        What the translation may be. ``"auto"`` keeps every frame's own (the pivot's displacement is free);
+        ``"none"`` holds the pivot still; a number smooths its displacement by a cubic B-spline with knots that
+        many seconds apart.
+    reference : "mean", "median" or int
+        The pose that everything is brought back to, and what the shape is taken from. ``"mean"`` and
+        ``"median"``: shape from all frames, the head turned to its mean orientation about the pivot. A number:
+        that frame, counted from 0, with its own noise; the paper's way.
+    origin : array_like, shape (3,), mm, optional
+        Local origin near the pivot, where searches start and what Eq. (5) pulls towards; from the rigid
+        markers by :func:`evalkit.capture.origin.local_origin` if not given.
+    **pivot_options
+        Handed to the pivot estimator.
+
+    Returns
+    -------
+    Compensation
+
+    Raises
+    ------
+    EvalkitError
+        If a name is unknown, or the rigid markers cannot give a pose in any frame. Frames that cannot answer
+        get a status instead.
+
+    Notes
+    -----
+    The undoing is ``p = R' (p' - O - s) + O``; Eq. (9) of Huang et al. (2000) has the sign of the translation
+    and the pivot wrong.
+    """
+    estimator = _lookup(pose_estimators, pose, "pose estimator")
+    finder = _lookup(pivot_estimators, pivot, "pivot estimator")
+    _check_sway(sway)
+    chosen = choose_rigid(take, rigid)
+    points = take.points[:, chosen.columns]
+    warnings = list(take.warnings)
+    posed = _posed(estimator, points, reference, chosen, pose)
+    start = local_origin(take, chosen.columns) if origin is None else _point(origin)
+    estimate = finder(points, posed, **{"initial": start, "origin": start, "reference": reference, **pivot_options})
+    return _finish(take, chosen, points, posed, estimate, sway, reference, start, pose, pivot, warnings, [])
+
+
+def compensate_as_published(
+    take: Capture,
+    rigid: str | Sequence[str] = "auto",
+    reference: Reference = 0,
+    raw_matrix: bool = False,
+    max_outer: int = 10,
+    tolerance: float = 0.01,
+    origin: ArrayLike | None = None,
+    **pivot_options: Any,
+) -> Compensation:
+    """The alternation of Huang et al. (2000), section 2.3, as written, every outer iteration reported.
+
+    From t = 0, each outer iteration (1) searches the pivot by ``six-directions`` on the rigid markers less the
+    translations t of the iteration before, and (2) recomputes ``t = T - (I - R) O`` from the rotations of
+    ``translation-invariants`` and the new pivot, until the pivot moves less than ``tolerance`` of its distance
+    from the markers.
+
+    It stops after one or two outer iterations: with ``t = T - (I - R) O`` every pivot O explains the data
+    exactly, so the objective is already minimal, noise aside, at the pivot that produced t. The first pass, in
+    which t = 0 says that the neck stands still, is what identifies the pivot. With noise and no tolerance the
+    alternation does not settle but creeps away from the markers, a few tenths of a millimetre each time,
+    because the angle term rewards distance.
+
+    Parameters
+    ----------
+    take, rigid, origin, **pivot_options
+        As in :func:`compensate`; exactly three rigid markers. With ``rigid="auto"`` the three are those that
+        promise the smallest rotation error.
+    reference : int, "mean" or "median"
+        The paper's is a frame.
+    raw_matrix : bool
+        Use the matrix of Eq. (3) as it comes instead of the nearest rotation.
+    max_outer, tolerance
+        When to stop.
+
+    Returns
+    -------
+    Compensation
+        ``outer`` lists pivot, objective, evaluations, movement and root-mean-square t of each outer iteration.
+
+    Raises
+    ------
+    EvalkitError
+        As :func:`compensate`, and if there are not exactly three rigid markers.
+    """
+    pose = "translation-invariants-raw" if raw_matrix else "translation-invariants"
+    chosen = choose_rigid(take, rigid, size=3)
+    points = take.points[:, chosen.columns]
+    posed = _posed(pose_estimators[pose], points, reference, chosen, pose)
+    start = local_origin(take, chosen.columns) if origin is None else _point(origin)
+    finder = pivot_estimators["six-directions"]
+    translation = np.zeros((len(points), 3))
+    position, outer = start, []
+    for iteration in range(1, max_outer + 1):
+        still = points - translation[:, None, :]
+        options = {"initial": position, "origin": start, "reference": reference, **pivot_options}
+        estimate = finder(still, posed, **options)
+        moved = float(np.linalg.norm(estimate.position - position))
+        position = estimate.position
+        free = posed.translations - position + posed.rotations @ position
+        translation = np.where(posed.ok[:, None], free, 0.0)
+        outer.append(
+            {
+                "iteration": iteration,
+                "pivot_mm": position.tolist(),
+                "objective": float(estimate.trace[-1, 4]),
+                "evaluations": estimate.evaluations,
+                "moved_mm": moved,
+                "translation_rms_mm": float(np.sqrt(np.nanmean((free**2).sum(axis=1)))),
+            }
+        )
+        if iteration == 1:
+            first = estimate
+        if iteration > 1 and moved < tolerance * np.linalg.norm(position - np.nanmean(posed.template, axis=0)):
+            break
+    # The spread is that of the first pass: later ones see data from which the evidence has been subtracted.
+    final = replace(first, position=position, evaluations=sum(row["evaluations"] for row in outer))
+    return _finish(
+        take, chosen, points, posed, final, "auto", reference, start, pose, "six-directions", list(take.warnings), outer
+    )
+
+
+def _posed(
+    estimator: PoseEstimator, points: Array, reference: Reference, chosen: RigidMarkers, name: str
+) -> Pose:
+    if estimator.markers is not None and points.shape[1] != estimator.markers:
+        raise EvalkitError(
+            f"pose method {name} takes exactly {estimator.markers} rigid markers, "
+            f"not {points.shape[1]} ({', '.join(chosen.labels)}); name {estimator.markers} with rigid"
+        )
+    posed = reference_pose(estimator, points, reference, labels=chosen.labels)
+    if not posed.ok.any():
+        worst = FrameStatus(int(np.bincount(posed.status).argmax())).text
+        raise EvalkitError(
+            f"no frame gives a head pose from {', '.join(chosen.labels)} ({worst}); choose other rigid markers"
+        )
+    return posed
+
+
+def _finish(
+    take: Capture, chosen: RigidMarkers, points: Array, posed: Pose, estimate: Pivot, sway: str | float,
+    reference: Reference, origin: Array, pose: str, pivot: str, warnings: list[str], outer: list[dict[str, Any]],
+) -> Compensation:  # fmt: skip
+    """Fix the reference pose, model the translation, undo the motion, and say what came of it."""
+    ok = posed.ok
+    r, t, template = posed.rotations, posed.translations, posed.template
+    o = estimate.position
+    if isinstance(reference, str):
+        # Turning the reference pose to the mean orientation about the pivot keeps T = (I - R) O + s true.
+        inverse = _inverse(r, pose)
+        b = np.einsum("fij,fj->fi", inverse[ok], o - t[ok]).mean(axis=0)
+        middle = mean_rotation(r[ok])
+        t = t + r @ b
+        r = r @ middle.T
+        t = t - r @ o
+        template = (template - b) @ middle.T + o
+    s = t - o + r @ o
+    if sway == "none":
+        s = np.where(ok[:, None], 0.0, np.nan)
+    elif not isinstance(sway, str):
+        s = np.where(ok[:, None], smooth_sway(s, ok, take.rate, float(sway)), np.nan)
+    t = o - r @ o + s
+    inverse = _inverse(r, pose)
+    moved = take.points.copy()
+    positions = [k for k, kind in enumerate(take.quantities) if kind == "position"]
+    chosen_points = moved if len(positions) == moved.shape[1] else moved[:, positions]
+    still = undo_motion(inverse.transpose(0, 2, 1), t, chosen_points)
+    if len(positions) == moved.shape[1]:
+        moved = still
+    else:
+        moved[:, positions] = still
+        kinds = sorted({kind for kind in take.quantities if kind != "position"})
+        others = len(take.quantities) - len(positions)
+        warnings.append(f"{others} points hold {', '.join(kinds)} values, not positions: left as they were")
+    residual = points - (template @ r.transpose(0, 2, 1) + t[:, None, :])
+    square = np.einsum("fmi,fmi->fm", residual, residual)
+    seen = np.isfinite(square)
+    square = np.where(seen, square, 0.0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        frame_residual = np.sqrt(square.sum(axis=1) / seen.sum(axis=1))
+        marker_residual = np.sqrt(square.sum(axis=0) / seen.sum(axis=0))
+    if chosen.automatic:
+        extent = float(np.nanmedian(np.nanmax(take.points[:, positions], axis=1) - np.nanmin(take.points[:, positions], axis=1), axis=0).max())
+        if extent > BODY_MM:
+            warnings.append(
+                f"the markers spread over {extent / 1000:.1f} m, more than a head: the most rigid set need not be "
+                "on it; name the head's markers with rigid"
+            )
+    warnings += _warnings(take, chosen, posed, estimate, r, s, sway)
+    return Compensation(
+        take.with_points(moved), r, t, o, estimate.covariance, s, list(chosen.labels), estimate.status,
+        posed.status, frame_residual, marker_residual, warnings, template, chosen, estimate, pose, pivot,
+        reference, sway, origin, outer,
+    )  # fmt: skip
+
+
+def _inverse(rotations: Array, pose: str) -> Array:
+    """Inverse matrices; the paper's raw matrix is not orthogonal, so its transpose would not undo it."""
+    if pose_estimators[pose].orthogonal:
+        return rotations.transpose(0, 2, 1)
+    known = np.isfinite(rotations).all(axis=(1, 2))
+    inverse = np.full_like(rotations, np.nan)
+    inverse[known] = np.linalg.pinv(rotations[known])
+    return inverse
+
+
+def _warnings(
+    take: Capture, chosen: RigidMarkers, posed: Pose, estimate: Pivot, r: Array, s: Array, sway: str | float
+) -> list[str]:
+    found = []
+    lost = int((~posed.ok).sum())
+    if lost:
+        kinds = np.bincount(posed.status, minlength=len(FrameStatus))
+        parts = ", ".join(f"{kinds[k]} {FrameStatus(k).text}" for k in range(1, len(kinds)) if kinds[k])
+        found.append(f"{lost} of {take.frames} frames have no head pose ({parts}); they are marked and left empty")
+    if estimate.status != "ok":
+        found.append(f"pivot {estimate.status}: {estimate.message}")
+    if len(chosen.labels) == 3:
+        found.append("three rigid markers: an error of one cannot be told from a rotation; four or more are safer")
+    drift = float(np.sqrt(np.nanmean((s[posed.ok] ** 2).sum(axis=1))))
+    turned = float(np.degrees(np.sqrt(np.nanmean(rotation_angle(r[posed.ok]) ** 2))))
+    spread = np.sqrt(np.nanmean((estimate.position - np.nanmean(posed.template, axis=0)) ** 2) * 3)
+    if sway == "auto" and drift > 0.5 * np.radians(max(turned, 1e-9)) * spread and drift > 0:
+        found.append(
+            f"the pivot itself moves by {drift:.1f} mm (rms) while the head turns {turned:.1f} deg (rms): "
+            "the neck did not stand still, and one fixed pivot explains only part of the motion"
+        )
+    return found
+
+
+def _lookup(table: dict[str, Any], name: str, what: str) -> Any:
+    if name not in table:
+        import difflib
+
+        near = difflib.get_close_matches(name, table, n=2, cutoff=0.4)
+        hint = f"did you mean {' or '.join(near)}?" if near else f"known are {', '.join(table)}"
+        raise EvalkitError(f"{what} '{name}' is not known; {hint}")
+    return table[name]
+
+
+def _check_sway(sway: str | float) -> None:
+    if (isinstance(sway, str) and sway not in ("auto", "none")) or (
+        not isinstance(sway, str) and not (np.isfinite(sway) and sway > 0)
+    ):
+        raise EvalkitError(f"sway '{sway}' is not known; use auto, none or a knot spacing in seconds")
+
+
+def _point(value: ArrayLike) -> Array:
+    point = np.asarray(value, dtype=np.float64)
+    if point.shape != (3,) or not np.isfinite(point).all():
+        raise EvalkitError(f"origin {value!r} is not three coordinates in mm")
+    return point

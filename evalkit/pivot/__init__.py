@@ -1,0 +1,19 @@
+"""Centre of rotation of the head: one file per family of estimators, one line each in the table below."""
+
+from evalkit.pivot.algebraic import score, svd
+from evalkit.pivot.model import Pivot, PivotEstimator
+from evalkit.pivot.nlopt_search import entries
+from evalkit.pivot.six_directions import six_directions
+from evalkit.pivot.sphere import gamage_lasenby, sphere
+
+pivot_estimators: dict[str, PivotEstimator] = {
+    "score": PivotEstimator(score, "symmetric least squares of the poses, bias corrected", "Ehrig et al. 2006"),
+    "svd": PivotEstimator(svd, "least squares of (I - R) O = T", "Ehrig et al. 2006"),
+    "sphere": PivotEstimator(sphere, "geometric sphere fit, least squares of the distances", "Halvorsen et al. 1999"),
+    "gamage-lasenby": PivotEstimator(gamage_lasenby, "closed-form sphere fit, bias corrected", "Halvorsen 2003"),
+    "six-directions": PivotEstimator(six_directions, "the paper's objective and search", "Huang et al. 2000"),
+    **entries(),
+}
+"""Name to estimator; tests, the command line, studies and figures take their lists from here."""
+
+__all__ = ["Pivot", "PivotEstimator", "pivot_estimators"]
