@@ -172,7 +172,7 @@ def _unsigned_analog(source: C3DSource) -> bool:
 
 def _pad(stream: BinaryIO, frames: int) -> None:
     """Fill the last block; not in long takes, where readers count frames by the size of the file."""
-    if frames <= SATURATED:
+    if frames < SATURATED:
         stream.write(bytes(-stream.tell() % BLOCK))
 
 
@@ -222,8 +222,8 @@ def _encoded_labels(take: Capture) -> list[bytes]:
         item = label.encode("utf-8", "replace")
         if len(item) > LONGEST_LABEL:
             raise CaptureError(
-                f"label '{label[:30]}...' of marker {k + 1} has {len(item)} bytes of {LONGEST_LABEL} that C3D holds; "
-                "shorten it"
+                f"label '{label[:30]}...' of marker {k + 1} has {len(item)} bytes; "
+                f"shorten it to the {LONGEST_LABEL} that C3D files hold"
             )
         encoded.append(item)
     return encoded
@@ -234,7 +234,7 @@ def _head(take: Capture) -> bytes:
     markers, frames = len(take.labels), take.frames
     last = take.first_frame + frames - 1
     first = take.first_frame
-    long = frames > SATURATED or last > SATURATED
+    long = last >= SATURATED
     if markers > 16_383:
         raise CaptureError(f"{markers} markers do not fit a C3D file; write fewer than 16,384")
     if not 1 <= first <= last < 2**31:
@@ -248,7 +248,7 @@ def _head(take: Capture) -> bytes:
         entries += _entry(1, "RATE", 4, (), struct.pack("<f", take.rate))
         entries += _entry(1, "DATA_START", 2, (), struct.pack("<H", data_block))
         entries += _entry(1, "FRAMES", 2, (), struct.pack("<H", min(frames, SATURATED)))
-        if frames > SATURATED:
+        if long:
             entries += _entry(1, "LONG_FRAMES", 4, (), struct.pack("<f", frames))
         entries += _strings(1, "LABELS", labels)
         entries += _strings(1, "DESCRIPTIONS", [b""] * markers)

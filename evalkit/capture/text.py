@@ -366,7 +366,7 @@ def _write_rows(
     step = max(1, FRAMES_AT_ONCE // (8 * points.shape[1]))
     for start in range(0, take.frames, step):
         run = (points[start : start + step] / divisor).reshape(-1, 3 * points.shape[1])
-        holes: list[bool] = list(np.isnan(run).any(axis=1))
+        holes: NDArray[np.bool_] = np.asarray(np.isnan(run).any(axis=1))
         lines = []
         for k, (row, hole) in enumerate(zip(run.tolist(), holes, strict=True), start):
             cells = ["" if value != value else repr(value) for value in row] if hole else map(repr, row)
