@@ -1,0 +1,99 @@
+"""How far an estimate is from the truth. Pure functions; the truth itself scores zero.
+
+A head frame is a convention: an estimate may use another reference pose than the truth. Rotations are therefore
+compared after the one constant rotation that fits best, positions after the one constant rigid motion.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from evalkit.geometry import Array, mean_rotation, nearest_rotation, rotation_angle
+
+
+def rotation_error_deg(estimate: ArrayLike, truth: ArrayLike, ok: ArrayLike | None = None) -> Array:
+    """Angle between estimated and true head rotation of every frame, gauge-aligned.
+
+    ``angle(R_est Q' R_true')`` with the constant Q that is the chordal mean of ``R_true' R_est``.
+
+    Parameters
+    ----------
+    estimate, truth : array_like, shape (F, 3, 3)
+    ok : array_like of bool, shape (F,), optional
+        Frames to compare; by default those without NaN in the estimate.
+
+    Returns
+    -------
+    ndarray, shape (F,), deg, NaN in other frames
+    """
+    est, true = np.asarray(estimate, dtype=np.float64), np.asarray(truth, dtype=np.float64)
+    used = np.isfinite(est).all(axis=(1, 2)) if ok is None else np.asarray(ok, dtype=bool)
+    out = np.full(len(est), np.nan)
+    if used.any():
+        gauge = mean_rotation(true[used].transpose(0, 2, 1) @ est[used])
+        out[used] = np.degrees(rotation_angle(est[used] @ gauge.T @ true[used].transpose(0, 2, 1)))
+    return out
+
+
+def absolute_rotation_error_deg(estimate: ArrayLike, truth: ArrayLike) -> Array:
+    """Angle of ``R_est R_true'`` of every frame, deg, shape (F,), without any alignment."""
+    est, true = np.asarray(estimate, dtype=np.float64), np.asarray(truth, dtype=np.float64)
+    return np.degrees(rotation_angle(est @ true.transpose(0, 2, 1)))
+
+
+def pivot_error_mm(
+    pivot: ArrayLike, sway: ArrayLike, true_pivot: ArrayLike, true_sway: ArrayLike, ok: ArrayLike | None = None
+) -> float:
+    """Distance between the estimated and true mean position of the pivot in the world, mm.
+
+    The pivot's path ``O + s`` does not depend on how O and s are split; its mean over the frames is compared.
+
+    Parameters
+    ----------
+    pivot, true_pivot : array_like, shape (3,), mm
+    sway, true_sway : array_like, shape (F, 3), mm
+    ok : array_like of bool, shape (F,), optional
+    """
+    s, true_s = np.asarray(sway, dtype=np.float64), np.asarray(true_sway, dtype=np.float64)
+    used = np.isfinite(s).all(axis=1) if ok is None else np.asarray(ok, dtype=bool)
+    if not used.any():
+        return float("nan")
+    path = np.asarray(pivot, dtype=np.float64) + s[used].mean(axis=0)
+    true_path = np.asarray(true_pivot, dtype=np.float64) + true_s[used].mean(axis=0)
+    return float(np.linalg.norm(path - true_path))
+
+
+def expression_error_mm(compensated: ArrayLike, truth: ArrayLike) -> Array:
+    """Distance of every compensated marker from its true place in the head frame, after one rigid alignment.
+
+    The alignment is the single rotation and translation, for all frames and markers together, that brings the
+    compensated take nearest to the truth (Umeyama without scale, doi:10.1109/34.88573): it removes the choice
+    of reference pose and nothing else.
+
+    Parameters
+    ----------
+    compensated, truth : array_like, shape (F, M, 3), mm
+        Head-frame positions; NaN where missing in the estimate.
+
+    Returns
+    -------
+    ndarray, shape (F, M), mm, NaN where missing
+    """
+    est, true = np.asarray(compensated, dtype=np.float64), np.asarray(truth, dtype=np.float64)
+    seen = np.isfinite(est).all(axis=2)
+    out = np.full(seen.shape, np.nan)
+    if not seen.any():
+        return out
+    a, b = est[seen], true[seen]
+    mean_a, mean_b = a.mean(axis=0), b.mean(axis=0)
+    rotation = nearest_rotation((b - mean_b).T @ (a - mean_a))
+    out[seen] = np.linalg.norm((a - mean_a) @ rotation.T + mean_b - b, axis=1)
+    return out
+
+
+def rms(values: ArrayLike) -> float:
+    """Root mean square of the finite values; NaN if there is none."""
+    array = np.asarray(values, dtype=np.float64)
+    array = array[np.isfinite(array)]
+    return float(np.sqrt(np.mean(array**2))) if array.size else float("nan")
