@@ -1,0 +1,24 @@
+"""The small synthetic takes that come with the package."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from evalkit.errors import EvalkitError
+
+
+def bundled_take(name: str) -> tuple[Path, Path]:
+    """Paths of a bundled capture and its truth.
+
+    Raises
+    ------
+    EvalkitError
+        If there is no such take in this installation.
+    """
+    here = Path(__file__).parent
+    # In a wheel the takes lie inside the package, in a checkout beside it.
+    for folder in (here / "data" / "synthetic", here.parent / "data" / "synthetic"):
+        capture, truth = folder / f"{name}.c3d", folder / f"{name}.truth.npz"
+        if capture.is_file() and truth.is_file():
+            return capture, truth
+    raise EvalkitError(f"the bundled take '{name}' is not in this installation; make one with: evalkit synth {name}")

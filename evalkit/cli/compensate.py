@@ -1,0 +1,177 @@
+"""``evalkit compensate``: a take in, the same take without the head's motion out."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from evalkit.errors import EvalkitError
+
+HELP = """Take the head's motion out of a capture.
+
+Writes into DIR: compensated.c3d (the expression alone, everything else of the file kept), motion.csv (head motion
+per frame), summary.json (pivot with its uncertainty, status, warnings) and report.html (pictures of all of it).
+
+Example:
+
+    evalkit compensate take.c3d -o out --rigid ForeHead_M,ForeHead_L,ForeHead_R,NoseTop
+"""
+
+
+def compensate(
+    capture: Annotated[Path, typer.Argument(metavar="CAPTURE", help="A .c3d, .trc or .csv file.", show_default=False)],
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for the results.")],
+    rigid: Annotated[
+        str, typer.Option(metavar="A,B,C|auto", help="Markers that move with the skull, or auto.")
+    ] = "auto",
+    pose: Annotated[str, typer.Option(metavar="NAME", help="Pose estimator; see: evalkit methods.")] = "svd",
+    pivot: Annotated[str, typer.Option(metavar="NAME", help="Pivot estimator; see: evalkit methods.")] = "score",
+    sway: Annotated[
+        str,
+        typer.Option(
+            metavar="auto|none|SECONDS",
+            help="Motion of the pivot itself: as measured, held still, or smooth with knots SECONDS apart.",
+        ),
+    ] = "auto",
+    reference: Annotated[
+        str, typer.Option(metavar="mean|median|FRAME", help="Pose to bring everything back to; frames count from 0.")
+    ] = "mean",
+    paper: Annotated[
+        bool,
+        typer.Option(
+            "--paper", help="The method of Huang et al. 2000 as published, against frame 0; three rigid markers."
+        ),
+    ] = False,
+    truth: Annotated[
+        Path | None, typer.Option(metavar="TRUTH.npz", help="Truth of a synthetic take: adds the errors.")
+    ] = None,
+    report: Annotated[bool, typer.Option("--report/--no-report", help="Write report.html.")] = True,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON instead of text.")] = False,
+) -> None:
+    """Take the head's motion out of a capture; see HELP."""
+    from evalkit import compensation
+    from evalkit.capture import read_capture
+    from evalkit.results import check_output, staged, write_results
+
+    check_output(output)
+    target = output / "compensated.c3d"
+    if target.exists() and capture.exists() and target.samefile(capture):
+        raise EvalkitError(f"{capture}: the result would overwrite its own input; choose another output folder")
+    take = read_capture(capture)
+    known = read_truth(truth, take) if truth else None
+    labels: str | list[str] = rigid if rigid == "auto" else [part.strip() for part in rigid.split(",") if part.strip()]
+    try:
+        if paper:
+            as_reference = 0 if reference == "mean" else parse_reference(reference)
+            result = compensation.compensate_as_published(take, labels, reference=as_reference)
+        else:
+            result = compensation.compensate(
+                take, labels, pose=pose, pivot=pivot, sway=parse_sway(sway), reference=parse_reference(reference)
+            )
+    except EvalkitError as error:
+        raise EvalkitError(f"{capture}: {error}") from error
+    errors = errors_against(result, known) if known is not None else None
+    with staged(output) as stage:
+        content = write_results(result, stage, capture, errors)
+        if report:
+            from evalkit.report import write_report
+
+            with working("comparing methods and writing the report"):
+                write_report(take, result, stage / "report.html", truth=known, source=capture)
+    if as_json:
+        typer.echo(json.dumps(content, indent=2))
+    else:
+        typer.echo(describe(content, output, report))
+
+
+def parse_sway(text: str) -> str | float:
+    """``auto``, ``none`` or a number of seconds."""
+    if text in ("auto", "none"):
+        return text
+    try:
+        return float(text)
+    except ValueError:
+        raise EvalkitError(f"--sway {text}: use auto, none or a knot spacing in seconds") from None
+
+
+def parse_reference(text: str) -> str | int:
+    """``mean``, ``median`` or a frame number."""
+    if text in ("mean", "median"):
+        return text
+    try:
+        return int(text)
+    except ValueError:
+        raise EvalkitError(f"--reference {text}: use mean, median or a frame number") from None
+
+
+def read_truth(path: Path, take: Any) -> Any:
+    """Truth of a synthetic take, checked against the take."""
+    from evalkit.synthetic import Truth
+
+    truth = Truth.load(path)
+    if truth.expression.shape != take.points.shape:
+        frames, markers = truth.expression.shape[:2]
+        raise EvalkitError(
+            f"{path}: truth of {frames} frames x {markers} markers; the capture has "
+            f"{take.frames} x {len(take.labels)}: give the truth of this take"
+        )
+    return truth
+
+
+def errors_against(result: Any, truth: Any) -> dict[str, float]:
+    """Root-mean-square errors of a result against the truth of its take."""
+    from evalkit import metrics
+
+    expression = metrics.expression_error_mm(result.capture.points, truth.clean)
+    others = [k for k, label in enumerate(result.capture.labels) if label not in result.rigid]
+    return {
+        "rotation_rms_deg": metrics.rms(metrics.rotation_error_deg(result.rotations, truth.rotations)),
+        "pivot_mm": metrics.pivot_error_mm(result.pivot, result.sway, truth.pivot, truth.sway),
+        "expression_rms_mm": metrics.rms(expression[:, others]),
+    }
+
+
+def describe(content: dict[str, Any], output: Path, report: bool) -> str:
+    """The summary in a few lines of text."""
+    pivot, frames = content["pivot"], content["frames"]
+    position = ", ".join(f"{x:.1f}" for x in pivot["position_mm"])
+    total = sum(frames.values())
+    lines = [
+        f"head pose in {frames['ok']} of {total} frames from {', '.join(content['rigid']['labels'])}",
+        f"pivot ({position}) mm: {pivot['status']}",
+    ]
+    if content["errors_against_truth"]:
+        e = content["errors_against_truth"]
+        lines.append(
+            f"against truth: rotation {e['rotation_rms_deg']:.3f} deg rms, pivot {e['pivot_mm']:.2f} mm, "
+            f"expression {e['expression_rms_mm']:.3f} mm rms"
+        )
+    lines += [f"warning: {warning}" for warning in content["warnings"]]
+    lines.append(f"wrote {output / ('report.html' if report else 'compensated.c3d')}")
+    return "\n".join(lines)
+
+
+class working:  # noqa: N801 - reads as a verb at the place of use
+    """A spinner with a text while something takes seconds; silent where nobody watches."""
+
+    def __init__(self, text: str) -> None:
+        self.text = text
+        self.status: Any = None
+
+    def __enter__(self) -> None:
+        if sys.stderr.isatty():
+            from rich.console import Console
+
+            self.status = Console(stderr=True).status(self.text)
+            self.status.__enter__()
+
+    def __exit__(self, *details: Any) -> None:
+        if self.status is not None:
+            self.status.__exit__(*details)
+
+
+compensate.__doc__ = HELP
