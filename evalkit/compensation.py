@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from evalkit.capture import Capture
 from evalkit.capture.origin import local_origin
 from evalkit.capture.rigid import RigidMarkers, choose_rigid
 from evalkit.errors import EvalkitError, FrameStatus
-from evalkit.geometry import Array, mean_rotation, rotation_angle, undo_motion
+from evalkit.geometry import Array, apply_motion, mean_rotation, rotation_angle, undo_motion
 from evalkit.pivot import Pivot, pivot_estimators
 from evalkit.pivot.sway import smooth_sway
 from evalkit.pose import Pose, PoseEstimator, pose_estimators, reference_pose
@@ -24,6 +25,9 @@ DEFAULT_PIVOT = "score"
 
 BODY_MM = 500.0
 """A take that spreads further than this shows more than a head."""
+
+STILL = 0.5
+"""Part of the path that turning gives the markers which the pivot's own path may have, in a neck at rest."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -253,56 +257,59 @@ def _finish(
     reference: Reference, origin: Array, pose: str, pivot: str, warnings: list[str], outer: list[dict[str, Any]],
 ) -> Compensation:  # fmt: skip
     """Fix the reference pose, model the translation, undo the motion, and say what came of it."""
-    ok = posed.ok
-    r, t, template = posed.rotations, posed.translations, posed.template
     o = estimate.position
+    r, t, template = posed.rotations, posed.translations, posed.template
     if isinstance(reference, str):
-        # Turning the reference pose to the mean orientation about the pivot keeps T = (I - R) O + s true.
-        inverse = _inverse(r, pose)
-        b = np.einsum("fij,fj->fi", inverse[ok], o - t[ok]).mean(axis=0)
-        middle = mean_rotation(r[ok])
-        t = t + r @ b
-        r = r @ middle.T
-        t = t - r @ o
-        template = (template - b) @ middle.T + o
-    s = t - o + r @ o
+        r, t, template = _turned_to_mean(posed, o, pose)
+    s = t - o + _rotated(r, o)
     if sway == "none":
-        s = np.where(ok[:, None], 0.0, np.nan)
+        s = np.where(posed.ok[:, None], 0.0, np.nan)
     elif not isinstance(sway, str):
-        s = np.where(ok[:, None], smooth_sway(s, ok, take.rate, float(sway)), np.nan)
-    t = o - r @ o + s
-    inverse = _inverse(r, pose)
-    moved = take.points.copy()
-    positions = [k for k, kind in enumerate(take.quantities) if kind == "position"]
-    chosen_points = moved if len(positions) == moved.shape[1] else moved[:, positions]
-    still = undo_motion(inverse.transpose(0, 2, 1), t, chosen_points)
-    if len(positions) == moved.shape[1]:
-        moved = still
-    else:
-        moved[:, positions] = still
-        kinds = sorted({kind for kind in take.quantities if kind != "position"})
-        others = len(take.quantities) - len(positions)
-        warnings.append(f"{others} points hold {', '.join(kinds)} values, not positions: left as they were")
-    residual = points - (template @ r.transpose(0, 2, 1) + t[:, None, :])
+        s = np.where(posed.ok[:, None], smooth_sway(s, posed.ok, take.rate, float(sway)), np.nan)
+    t = o - _rotated(r, o) + s
+    residual = points - apply_motion(r, t, template)
     square = np.einsum("fmi,fmi->fm", residual, residual)
     seen = np.isfinite(square)
-    square = np.where(seen, square, 0.0)
+    square[~seen] = 0.0
     with np.errstate(invalid="ignore", divide="ignore"):
         frame_residual = np.sqrt(square.sum(axis=1) / seen.sum(axis=1))
         marker_residual = np.sqrt(square.sum(axis=0) / seen.sum(axis=0))
-    if chosen.automatic:
-        extent = float(np.nanmedian(np.nanmax(take.points[:, positions], axis=1) - np.nanmin(take.points[:, positions], axis=1), axis=0).max())
-        if extent > BODY_MM:
-            warnings.append(
-                f"the markers spread over {extent / 1000:.1f} m, more than a head: the most rigid set need not be "
-                "on it; name the head's markers with rigid"
-            )
-    warnings += _warnings(take, chosen, posed, estimate, r, s, sway)
+    warnings = warnings + _warnings(take, chosen, posed, estimate, r, s, sway)
     return Compensation(
-        take.with_points(moved), r, t, o, estimate.covariance, s, list(chosen.labels), estimate.status,
+        _undone(take, _inverse(r, pose), t), r, t, o, estimate.covariance, s, list(chosen.labels), estimate.status,
         posed.status, frame_residual, marker_residual, warnings, template, chosen, estimate, pose, pivot,
         reference, sway, origin, outer,
     )  # fmt: skip
+
+
+def _rotated(rotations: Array, vector: Array) -> Array:
+    """``R v`` for one vector: (F, 3, 3), (3,) to (F, 3)."""
+    return (rotations.reshape(-1, 3) @ vector).reshape(-1, 3)
+
+
+def _turned_to_mean(posed: Pose, pivot: Array, pose: str) -> tuple[Array, Array, Array]:
+    """Rotations, translations and template in the reference pose of mean orientation, turned about the pivot.
+
+    Any other turn, about the markers' centroid say, would leave the head's pivot beside the world's, and
+    ``T = (I - R) O + s`` with a resting neck would need a sway that was never there.
+    """
+    ok = posed.known
+    inverse = _inverse(posed.rotations[ok], pose)
+    in_head = np.einsum("fij,fj->i", inverse, pivot - posed.translations[ok]) / len(inverse)
+    middle = mean_rotation(posed.rotations[ok])
+    rotations = (posed.rotations.reshape(-1, 3) @ middle.T).reshape(-1, 3, 3)
+    translations = posed.translations + _rotated(posed.rotations, in_head) - _rotated(rotations, pivot)
+    return rotations, translations, (posed.template - in_head) @ middle.T + pivot
+
+
+def _undone(take: Capture, inverse: Array, translations: Array) -> Capture:
+    """The take with every position brought to the reference pose; angles, forces and the like as they were."""
+    positions = [k for k, kind in enumerate(take.quantities) if kind == "position"]
+    if len(positions) == len(take.labels):
+        return take.with_points(undo_motion(inverse.transpose(0, 2, 1), translations, take.points))
+    moved = take.points.copy()
+    moved[:, positions] = undo_motion(inverse.transpose(0, 2, 1), translations, moved[:, positions])
+    return take.with_points(moved)
 
 
 def _inverse(rotations: Array, pose: str) -> Array:
@@ -319,6 +326,16 @@ def _warnings(
     take: Capture, chosen: RigidMarkers, posed: Pose, estimate: Pivot, r: Array, s: Array, sway: str | float
 ) -> list[str]:
     found = []
+    other = sorted({kind for kind in take.quantities if kind != "position"})
+    if other:
+        count = sum(kind != "position" for kind in take.quantities)
+        found.append(f"{count} points hold {', '.join(other)} values, not positions: left as they were")
+    extent = _extent(take) if chosen.automatic else 0.0
+    if extent > BODY_MM:
+        found.append(
+            f"the markers spread over {extent / 1000:.1f} m, more than a head: the most rigid set need not be on it; "
+            "name the head's markers with rigid"
+        )
     lost = int((~posed.ok).sum())
     if lost:
         kinds = np.bincount(posed.status, minlength=len(FrameStatus))
@@ -328,15 +345,23 @@ def _warnings(
         found.append(f"pivot {estimate.status}: {estimate.message}")
     if len(chosen.labels) == 3:
         found.append("three rigid markers: an error of one cannot be told from a rotation; four or more are safer")
-    drift = float(np.sqrt(np.nanmean((s[posed.ok] ** 2).sum(axis=1))))
-    turned = float(np.degrees(np.sqrt(np.nanmean(rotation_angle(r[posed.ok]) ** 2))))
-    spread = np.sqrt(np.nanmean((estimate.position - np.nanmean(posed.template, axis=0)) ** 2) * 3)
-    if sway == "auto" and drift > 0.5 * np.radians(max(turned, 1e-9)) * spread and drift > 0:
+    drift = float(np.sqrt(np.mean((s[posed.known] ** 2).sum(axis=1))))
+    turned = float(np.sqrt(np.mean(rotation_angle(r[posed.known]) ** 2)))
+    arm = float(np.linalg.norm(estimate.position - posed.template.mean(axis=0)))
+    if sway == "auto" and drift > STILL * turned * arm:
         found.append(
-            f"the pivot itself moves by {drift:.1f} mm (rms) while the head turns {turned:.1f} deg (rms): "
+            f"the pivot itself moves by {drift:.1f} mm (rms) while the head turns {np.degrees(turned):.1f} deg (rms): "
             "the neck did not stand still, and one fixed pivot explains only part of the motion"
         )
     return found
+
+
+def _extent(take: Capture) -> float:
+    """Longest side of the box around the markers, mm, median over up to a thousand frames."""
+    positions = [k for k, kind in enumerate(take.quantities) if kind == "position"]
+    some = take.points[:: max(take.frames // 1000, 1)][:, positions]
+    some = some[np.isfinite(some[:, :, 0]).any(axis=1)]
+    return float(np.median(np.nanmax(some, axis=1) - np.nanmin(some, axis=1), axis=0).max()) if len(some) else 0.0
 
 
 def _lookup(table: dict[str, Any], name: str, what: str) -> Any:
@@ -350,9 +375,8 @@ def _lookup(table: dict[str, Any], name: str, what: str) -> Any:
 
 
 def _check_sway(sway: str | float) -> None:
-    if (isinstance(sway, str) and sway not in ("auto", "none")) or (
-        not isinstance(sway, str) and not (np.isfinite(sway) and sway > 0)
-    ):
+    seconds = isinstance(sway, Real) and not isinstance(sway, bool) and np.isfinite(sway) and sway > 0
+    if not seconds and not (isinstance(sway, str) and sway in ("auto", "none")):
         raise EvalkitError(f"sway '{sway}' is not known; use auto, none or a knot spacing in seconds")
 
 

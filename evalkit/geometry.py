@@ -36,6 +36,15 @@ def nearest_rotation(matrices: ArrayLike) -> Array:
     return np.where(known[..., None, None], left @ right, np.nan)
 
 
+def det3(m: Array) -> Array:
+    """Determinants of matrices stored frames last, shape (3, 3, F) to (F,)."""
+    return (
+        m[0, 0] * (m[1, 1] * m[2, 2] - m[1, 2] * m[2, 1])
+        - m[0, 1] * (m[1, 0] * m[2, 2] - m[1, 2] * m[2, 0])
+        + m[0, 2] * (m[1, 0] * m[2, 1] - m[1, 1] * m[2, 0])
+    )
+
+
 def cross_matrix(vectors: ArrayLike) -> Array:
     """Matrices ``[v]x`` with ``[v]x w = v x w``; shape (..., 3) to (..., 3, 3)."""
     v = np.asarray(vectors, dtype=np.float64)
@@ -121,7 +130,8 @@ def mean_rotation(rotations: ArrayLike) -> Array:
 
     Hartley et al., "Rotation averaging", IJCV 103 (2013), doi:10.1007/s11263-012-0601-0.
     """
-    return nearest_rotation(np.nanmean(np.asarray(rotations, dtype=np.float64), axis=0))
+    array = np.asarray(rotations, dtype=np.float64)
+    return nearest_rotation(array[np.isfinite(array[:, 0, 0])].mean(axis=0))
 
 
 def apply_motion(rotations: ArrayLike, translations: ArrayLike, points: ArrayLike) -> Array:

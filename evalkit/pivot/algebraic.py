@@ -33,7 +33,7 @@ def svd(points: Array, pose: Pose, **_: object) -> Pivot:
     J. Biomechanics 39 (2006), doi:10.1016/j.jbiomech.2005.10.002.
     """
     _need_two(pose)
-    r, t = pose.rotations[pose.ok], pose.translations[pose.ok]
+    r, t = pose.rotations[pose.known], pose.translations[pose.known]
     # About the markers' own centroid: the laboratory's origin may be metres away and would cost digits.
     origin = pose.template.mean(axis=0)
     stacked = (np.eye(3) - r).reshape(-1, 3)
@@ -71,23 +71,23 @@ def score(points: Array, pose: Pose, *, correct_bias: bool = True, **_: object) 
     Fuller, "Measurement error models" (1987), for the correction.
     """
     _need_two(pose)
-    r, t = pose.rotations[pose.ok], pose.translations[pose.ok]
+    r, t = pose.rotations[pose.known], pose.translations[pose.known]
     origin = pose.template.mean(axis=0)
     c = t + r @ origin
     motion = motion_spread(points, pose)
     centred, offset = r - motion.mean, c - c.mean(axis=0)
     normal = motion.spread if correct_bias else motion.spread + motion.floor
-    right = -np.einsum("fji,fj->i", centred, offset)
+    right = -centred.reshape(-1, 3).T @ offset.ravel()
     # Along hidden axes b stays zero, level with the centroid.
     shown = motion.axes[:, ~motion.hidden]
     inverse = shown @ np.linalg.inv(shown.T @ normal @ shown) @ shown.T
     b = inverse @ right
     position = c.mean(axis=0) + motion.mean @ b
-    residual = offset + centred @ b
+    residual = offset + (centred.reshape(-1, 3) @ b).reshape(-1, 3)
     # Influence of one frame on the pivot in the world: through b, and through the mean.
-    through_b = (np.einsum("fji,fj->fi", centred, residual)) @ inverse @ motion.mean.T
+    through_b = (centred * residual[:, :, None]).sum(axis=1) @ inverse @ motion.mean.T
     influence = residual / len(r) - through_b
-    return judge(position, block_covariance(influence, pose.ok), points, pose)
+    return judge(position, block_covariance(influence, pose.ok), points, pose, motion=motion)
 
 
 def _need_two(pose: Pose) -> None:

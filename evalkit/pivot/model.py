@@ -130,7 +130,7 @@ def rotation_noise(points: Array, pose: Pose) -> Array:
     frame), J_c the second moment ``sum |p|² I - p p'`` of the template about its centroid. Skin that moves
     with the rotation leaves no residual and is not seen here.
     """
-    residual = pose.residuals(points)[pose.ok]
+    residual = pose.residuals(points)[pose.known]
     seen = np.isfinite(residual[:, :, 0])
     freedom = max(3.0 * seen.sum() - 6.0 * len(residual), 1.0)
     variance = float(np.nansum(residual**2)) / freedom
@@ -145,7 +145,7 @@ def motion_spread(points: Array, pose: Pose) -> Motion:
     With ``R_i = (true)(I + [w]x)`` the noise adds ``E[w.w I - w w'] = tr(S) I - S`` per frame, S the rotation
     covariance in head axes: the errors-in-variables correction of Fuller, "Measurement error models" (1987).
     """
-    rotations = pose.rotations[pose.ok]
+    rotations = pose.rotations[pose.known]
     if len(rotations) < 2:
         raise EvalkitError("fewer than two frames have a head pose; a pivot needs the head to turn")
     mean = rotations.mean(axis=0)
@@ -198,16 +198,17 @@ def judge(
     converged: bool = True,
     evaluations: int = 0,
     trace: Array | None = None,
+    motion: Motion | None = None,
 ) -> Pivot:
     """Attach the verdict on observability to an estimate.
 
     Along an axis that the motion does not show (:class:`Motion`), the variance is infinite and the position is
     that of the markers' centroid: a convention, not an estimate.
     """
-    motion = motion_spread(points, pose)
+    motion = motion_spread(points, pose) if motion is None else motion
     hidden_axes = motion.hidden_in_world
     scale = np.degrees(np.sqrt(np.maximum(motion.turn.sum() / 2.0 - motion.turn, 0.0) / motion.frames))
-    centroid = np.nanmean(points[pose.ok], axis=(0, 1))
+    centroid = (motion.mean @ pose.template.mean(axis=0)) + pose.translations[pose.known].mean(axis=0)
     position = position + (centroid - position) @ hidden_axes.T @ hidden_axes
     reach = float(np.linalg.norm(position - centroid))
     cov, axes, std = _with_infinite(covariance, hidden_axes)

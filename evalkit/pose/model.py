@@ -43,6 +43,12 @@ class Pose:
         """Frames whose pose is known, shape (F,) bool."""
         return self.status == FrameStatus.OK
 
+    @property
+    def known(self) -> slice | np.ndarray:
+        """Index of the frames whose pose is known: a slice that copies nothing if that is all of them."""
+        ok = self.ok
+        return slice(None) if ok.all() else ok
+
     def residuals(self, points: ArrayLike) -> Array:
         """Observed minus fitted positions of the rigid markers, mm, shape (F, M, 3), NaN where unknown."""
         return np.asarray(points, dtype=np.float64) - apply_motion(self.rotations, self.translations, self.template)
@@ -119,6 +125,14 @@ def check(template: ArrayLike, points: ArrayLike) -> tuple[Array, Array]:
     return shape, observed
 
 
+def whole_markers(points: ArrayLike) -> Array:
+    """Positions (F, M, 3); a marker with any coordinate that is not finite is missing: all three NaN."""
+    x = np.asarray(points, dtype=np.float64)
+    missing = np.isnan(x)
+    partly = ~np.isfinite(x).all(axis=-1) & ~missing.all(axis=-1)
+    return np.where(partly[..., None], np.nan, x) if partly.any() else x
+
+
 def moments(template: ArrayLike, points: ArrayLike, weights: ArrayLike | None = None) -> Moments:
     """Weighted means and cross products of template and points per frame, with what is visible.
 
@@ -141,7 +155,9 @@ def moments(template: ArrayLike, points: ArrayLike, weights: ArrayLike | None = 
         raise EvalkitError(f"weights have shape {given.shape}; expected ({count},) or ({len(observed)}, {count})")
     if not (np.isfinite(given).all() and (given >= 0).all()):
         raise EvalkitError("a weight is negative or not finite; weights are inverse variances")
-    visible = np.isfinite(observed[:, :, 0] + observed[:, :, 1] + observed[:, :, 2]) & np.isfinite(shape).all(axis=1)
+    known = np.isfinite(shape).all(axis=1)
+    with np.errstate(invalid="ignore"):  # two infinities of opposite sign
+        visible = np.isfinite(observed[:, :, 0] + observed[:, :, 1] + observed[:, :, 2]) & known
     solid = np.nan_to_num(shape, nan=0.0, posinf=0.0, neginf=0.0)
     if visible.all() and given.ndim == 1:
         used, w, x = given, given[None, :], observed
@@ -151,19 +167,42 @@ def moments(template: ArrayLike, points: ArrayLike, weights: ArrayLike | None = 
         x = np.where(visible[:, :, None], observed, 0.0)
         seen = w > 0
     status = _status(solid, seen, len(observed))
-    ok = status == FrameStatus.OK
     total = np.maximum(w.sum(axis=1), 1e-300)[:, None]
     point_mean = (w[:, None, :] @ x)[:, 0] / total
     template_mean = np.broadcast_to(w @ solid / total, point_mean.shape)
     centred = x - point_mean[:, None, :]
     weighted = centred if (w == 1).all() else centred * w[:, :, None]
     # The centred points sum to zero, so any fixed origin of the template serves; a near one keeps the digits.
-    origin = solid[np.isfinite(shape).all(axis=1)].mean(axis=0)
+    origin = solid.sum(axis=0, where=known[:, None]) / max(known.sum(), 1)
     cross = weighted.transpose(0, 2, 1) @ (solid - origin)
+    second = weighted.transpose(0, 2, 1) @ centred
+    # Which markers count, not how much: weights that are small but not zero must not change the status.
+    spans = second if ((w == 0) | (w == 1)).all() else _second_moment(x, seen)
+    status[(status == FrameStatus.OK) & _in_one_line(spans)] = FrameStatus.COLLINEAR
+    ok = status == FrameStatus.OK
     cross[~ok] = np.eye(3)
     spread = (w @ ((solid - origin) ** 2).sum(axis=1)) - total[:, 0] * ((template_mean - origin) ** 2).sum(axis=1)
-    square = np.einsum("fmi,fmi->f", weighted, centred) + spread
+    square = second[:, 0, 0] + second[:, 1, 1] + second[:, 2, 2] + spread
     return Moments(cross, np.where(ok[:, None], point_mean, np.nan), template_mean, square, status, shape, used)
+
+
+def _second_moment(points: Array, seen: np.ndarray) -> Array:
+    """Second moments (F, 3, 3) of the markers that are seen, about their mean, all with the same weight."""
+    part = seen[:, :, None]
+    count = np.maximum(part.sum(axis=1, keepdims=True), 1)
+    centred = points - points.sum(axis=1, where=part, keepdims=True) / count
+    return np.where(part, centred, 0.0).transpose(0, 2, 1) @ centred
+
+
+def _in_one_line(second: Array) -> np.ndarray:
+    """Frames (F,) whose observed markers stand in one line or at one place, whatever the template says.
+
+    With eigenvalues a >= b >= c of the second moment, half of (trace^2 - sum of squares) is ab + ac + bc:
+    near a line about ab, to be compared with the same part of a^2 as in the template.
+    """
+    trace = second[:, 0, 0] + second[:, 1, 1] + second[:, 2, 2]
+    products = 0.5 * (trace**2 - (second.reshape(-1, 9) ** 2).sum(axis=1))
+    return np.asarray(products <= COLLINEAR_RATIO**2 * trace**2)
 
 
 def _status(template: Array, seen: np.ndarray, frames: int) -> np.ndarray:

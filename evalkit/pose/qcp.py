@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from evalkit.errors import FrameStatus
+from evalkit.geometry import det3
 from evalkit.pose.horn import key_matrix, rotation_from_quaternion
 from evalkit.pose.model import Pose, moments
 
@@ -43,7 +44,7 @@ def qcp(template: ArrayLike, points: ArrayLike, weights: ArrayLike | None = None
     h = np.ascontiguousarray(sums.cross.transpose(1, 2, 0)) / scale
     n = key_matrix(h)
     c2 = -2.0 * np.einsum("ijf,ijf->f", h, h)
-    c1 = -8.0 * _det3(h)
+    c1 = -8.0 * det3(h)
     low, high = _minors(n)
     c0 = low[0] * high[5] - low[1] * high[4] + low[2] * high[3] + low[3] * high[2] - low[4] * high[1] + low[5] * high[0]
     root = np.where(ok, 1.0, 3.0)
@@ -57,14 +58,6 @@ def qcp(template: ArrayLike, points: ArrayLike, weights: ArrayLike | None = None
     n[range(4), range(4)] -= root
     q = _largest_adjugate_column(n)
     return sums.pose(rotation_from_quaternion(q))
-
-
-def _det3(m: np.ndarray) -> np.ndarray:
-    return (
-        m[0, 0] * (m[1, 1] * m[2, 2] - m[1, 2] * m[2, 1])
-        - m[0, 1] * (m[1, 0] * m[2, 2] - m[1, 2] * m[2, 0])
-        + m[0, 2] * (m[1, 0] * m[2, 1] - m[1, 1] * m[2, 0])
-    )
 
 
 def _minors(a: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:

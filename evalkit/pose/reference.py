@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from numbers import Integral
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from evalkit.errors import EvalkitError
 from evalkit.geometry import Array, undo_motion
-from evalkit.pose.model import COLLINEAR_RATIO, Pose, PoseEstimator
+from evalkit.pose.model import COLLINEAR_RATIO, Pose, PoseEstimator, whole_markers
 from evalkit.pose.qcp import qcp
 
 MAX_ROUNDS = 50
 TOLERANCE = 1e-10
-SUBSET = 4000
+SUBSET = 2000
+"""Frames that the shape is taken from."""
 
 Reference = int | str
 
@@ -45,7 +47,7 @@ def reference_pose(
     EvalkitError
         If no frame can serve, or the frame asked for is outside the take or lacks a marker.
     """
-    x = np.asarray(points, dtype=np.float64)
+    x = whole_markers(points)
     return estimator(reference_shape(x, reference, weights, labels), x, weights)
 
 
@@ -54,9 +56,10 @@ def reference_shape(
 ) -> Array:
     """Template (M, 3), mm, in world axes; parameters and errors as :func:`reference_pose`.
 
-    The mean is the fixed point of generalised Procrustes analysis without scale: align every frame to the
+    At most :data:`SUBSET` frames are used unless a marker is seen in others only. The mean is the fixed point of generalised Procrustes analysis without scale: align every frame to the
     template, average, repeat (Gower, Psychometrika 40 (1975), doi:10.1007/BF02291478).
     """
+    check_reference(reference, len(points))
     names = list(labels) if labels is not None else [f"marker {k}" for k in range(points.shape[1])]
     visible = np.isfinite(points).all(axis=2)
     never = [names[k] for k in np.flatnonzero(~visible.any(axis=0))]
@@ -64,26 +67,23 @@ def reference_shape(
         raise EvalkitError(f"marker {', '.join(never)} is missing in every frame; choose other rigid markers")
     if not isinstance(reference, str):
         return _frame_shape(points, int(reference), visible, names)
-    if reference not in ("mean", "median"):
-        raise EvalkitError(f"reference '{reference}' is not known; use mean, median or a frame number")
     anchor = _anchor(points, visible, names)
     template = points[anchor]
     extent = np.sqrt(np.nanmax(((template - np.nanmean(template, axis=0)) ** 2).sum(axis=1)))
-    # Rounds shrink the error by (noise / extent)^2 each: converged on some frames, one round over all finishes.
+    # Frames spread over the take: a shape from that many has a hundredth of one frame's variance or less.
     some = np.unique(np.linspace(0, len(points) - 1, min(len(points), SUBSET)).astype(int))
-    some_weights = None if weights is None else np.asarray(weights, dtype=np.float64)
-    if some_weights is not None and some_weights.ndim == 2:
-        some_weights = some_weights[some]
-    for _ in range(MAX_ROUNDS):
-        shape = _round(template, points[some], some_weights, reference)
-        change = np.abs(shape - template).max()  # NaN while a marker enters for the first time
-        template = shape
-        if change <= TOLERANCE * extent:
-            break
-    for _ in range(MAX_ROUNDS if len(some) < len(points) else 0):
-        incomplete = np.isnan(template).sum()
-        template = _round(template, points, weights, reference)
-        if not incomplete or np.isnan(template).sum() == incomplete:
+    given = None if weights is None else np.asarray(weights, dtype=np.float64)
+    for frames in (some, slice(None)):
+        x = points[frames]
+        w = given[frames] if given is not None and given.ndim == 2 else given
+        for _ in range(MAX_ROUNDS):
+            shape = _round(template, x, w, reference)
+            change = np.abs(shape - template).max()  # NaN while a marker enters for the first time
+            stuck = np.array_equal(np.isnan(shape), np.isnan(template))
+            template = shape
+            if change <= TOLERANCE * extent or (np.isnan(change) and stuck):
+                break
+        if np.isfinite(template).all():
             break
     lost = [names[k] for k in np.flatnonzero(~np.isfinite(template).all(axis=1))]
     if lost:
@@ -92,6 +92,16 @@ def reference_shape(
         )
     at = qcp(template, points[anchor : anchor + 1], weights if np.ndim(weights) < 2 else None)
     return template @ at.rotations[0].T + at.translations[0]
+
+
+def check_reference(reference: Reference, frames: int) -> None:
+    """EvalkitError unless the reference is "mean", "median" or the number of one of so many frames."""
+    if isinstance(reference, str) and reference in ("mean", "median"):
+        return
+    if isinstance(reference, bool) or not isinstance(reference, Integral):
+        raise EvalkitError(f"reference '{reference}' is not known; use mean, median or a frame number")
+    if not 0 <= reference < frames:
+        raise EvalkitError(f"reference frame {reference} is outside the take; it has frames 0 to {frames - 1}")
 
 
 def _round(template: Array, points: Array, weights: ArrayLike | None, reference: str) -> Array:
@@ -111,8 +121,6 @@ def _round(template: Array, points: Array, weights: ArrayLike | None, reference:
 
 
 def _frame_shape(points: Array, frame: int, visible: np.ndarray, names: list[str]) -> Array:
-    if not 0 <= frame < len(points):
-        raise EvalkitError(f"reference frame {frame} is outside the take; it has frames 0 to {len(points) - 1}")
     hidden = [names[k] for k in np.flatnonzero(~visible[frame])]
     if hidden:
         raise EvalkitError(f"reference frame {frame} lacks {', '.join(hidden)}; choose another frame, or mean")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from evalkit.geometry import det3
 from evalkit.pose.model import Pose, moments
 
 
@@ -31,5 +32,8 @@ def svd(template: ArrayLike, points: ArrayLike, weights: ArrayLike | None = None
     """
     sums = moments(template, points, weights)
     left, _, right = np.linalg.svd(sums.cross)
-    left[:, :, 2] *= np.sign(np.linalg.det(left) * np.linalg.det(right))[:, None]
-    return sums.pose(left @ right)
+    rotations = left @ right
+    mirrored = det3(rotations.transpose(1, 2, 0)) < 0
+    left[mirrored, :, 2] *= -1.0
+    rotations[mirrored] = left[mirrored] @ right[mirrored]
+    return sums.pose(rotations)

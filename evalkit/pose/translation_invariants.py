@@ -44,7 +44,9 @@ def translation_invariants_raw(template: ArrayLike, points: ArrayLike, weights: 
     shape, observed = check(template, points)
     if len(shape) != 3:
         raise EvalkitError(f"translation-invariants takes exactly three rigid markers, not {len(shape)}; name three")
-    sums = moments(shape, observed, None if weights is None else (np.asarray(weights) > 0).astype(float))
+    sums = moments(shape, observed, weights)
+    if weights is not None:
+        sums = moments(shape, observed, (np.asarray(weights) > 0).astype(float))
     ok = sums.status == FrameStatus.OK
     r = np.full((len(observed), 3, 3), np.nan)
     with np.errstate(divide="ignore", invalid="ignore"):
