@@ -218,6 +218,8 @@ def _scale(section: ParameterSection, header: float, warnings: list[str]) -> tup
         )
     elif integer and abs(header - stated) > 1e-6 * stated:
         raise CaptureError(f"header scale is {header:g}, POINT:SCALE {stated:g}; the file is damaged")
+    elif integer and header != stated:
+        warnings.append(f"header scale is {header:.9g}, POINT:SCALE {stated:.9g}; the latter is used")
     return integer, abs(stated)
 
 

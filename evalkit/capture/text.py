@@ -8,7 +8,7 @@ import re
 from array import array
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,9 +57,7 @@ def read_trc(path: Path) -> Capture:
             f"{name}:{header[2][0]}: Units '{printable(stated['units'])}' is none of {', '.join(MILLIMETRES)}"
         )
     if markers < 1 or frames < 1 or markers != int(markers) or frames != int(frames):
-        raise CaptureError(
-            f"{name}:{header[2][0]}: states {frames:g} frames of {markers:g} markers; nothing to read"
-        )
+        raise CaptureError(f"{name}:{header[2][0]}: states {frames:g} frames of {markers:g} markers; nothing to read")
 
     at, cells = header[3]
     if len(cells) < 3 or not cells[0].lower().startswith("frame") or not cells[1].lower().startswith("time"):
@@ -68,10 +66,8 @@ def read_trc(path: Path) -> Capture:
     if len(labels) != markers:
         # A marker without a name leaves a gap among the labels, which stand in every third column.
         labels = (cells[2::3] + [""] * int(markers))[: int(markers)]
-        if any(cells[2 + 3 * int(markers) :]) or not any(labels):
-            raise CaptureError(
-                f"{name}:{at}: {len([c for c in cells[2:] if c])} labels, NumMarkers is {markers:g}"
-            )
+        if not 3 * markers < len(cells) <= 4 + 3 * markers or not any(labels):
+            raise CaptureError(f"{name}:{at}: {len([c for c in cells[2:] if c])} labels, NumMarkers is {markers:g}")
     warnings: list[str] = []
     labels = unique_labels(labels, warnings)
 
@@ -81,9 +77,7 @@ def read_trc(path: Path) -> Capture:
         raise CaptureError(f"{name}: NumFrames promises {frames:g} frames, the file holds {len(table)}")
     first = _first_frame(table[:, 0], at_lines, path, 1)
     points = _points(table[:, 2:], labels, warnings) * MILLIMETRES[unit]
-    return Capture(
-        points, labels, rate, unit, first, warnings=warnings, source=FileSource(path.absolute())
-    )  # fmt: skip
+    return _take(path, points=points, labels=labels, rate=rate, unit=unit, first_frame=first, warnings=warnings)
 
 
 def write_trc(take: Capture, path: Path) -> list[str]:
@@ -98,9 +92,7 @@ def write_trc(take: Capture, path: Path) -> list[str]:
     check_labels(labels)
     notes = []
     if len(kept) < len(take.labels):
-        notes.append(
-            f"{len(take.labels) - len(kept)} points that are no positions were left out of the TRC file"
-        )
+        notes.append(f"{len(take.labels) - len(kept)} points that are no positions were left out of the TRC file")
     rate, count = repr(take.rate), len(kept)
     head = [
         ["PathFileType", "4", "(X/Y/Z)", path.name],
@@ -152,9 +144,7 @@ def read_csv(path: Path) -> Capture:
             raise CaptureError(f"{name}:{at}: column {lacking} is missing")
     units = {unit for _, unit in markers if unit in MILLIMETRES}
     if len(units) > 1:
-        raise CaptureError(
-            f"{name}:{at}: coordinates in {' and '.join(sorted(units))}; use one unit of length"
-        )
+        raise CaptureError(f"{name}:{at}: coordinates in {' and '.join(sorted(units))}; use one unit of length")
     unit = units.pop() if units else "mm"
     labels = unique_labels([label for label, _ in markers], warnings)
     quantities = ["position" if kind in MILLIMETRES else kind for _, kind in markers]
@@ -169,8 +159,9 @@ def read_csv(path: Path) -> Capture:
     rate = _rate(table[:, header.index("time_s")], at_lines, path, header.index("time_s") + 1, warnings)
     order = [columns[axis] for columns in markers.values() for axis in AXES]
     points = _points(table[:, order], labels, warnings) * factors(unit, quantities)[:, None]
-    return Capture(
-        points, labels, rate, unit, first, None, quantities, warnings, FileSource(path.absolute())
+    return _take(
+        path, points=points, labels=labels, rate=rate, unit=unit, first_frame=first, quantities=quantities,
+        warnings=warnings,
     )  # fmt: skip
 
 
@@ -186,11 +177,7 @@ def write_csv(take: Capture, path: Path) -> list[str]:
     head = io.StringIO()
     csv.writer(head, lineterminator="\n").writerow(
         ["frame", "time_s"]
-        + [
-            f"{label}_{axis}_{suffix}"
-            for label, suffix in zip(take.labels, suffixes, strict=True)
-            for axis in AXES
-        ]
+        + [f"{label}_{axis}_{suffix}" for label, suffix in zip(take.labels, suffixes, strict=True) for axis in AXES]
     )
     divisor = factors(take.unit, take.quantities)[:, None]
     with replacing(path) as stream:
@@ -231,9 +218,7 @@ def _csv_rows(text: str, path: Path) -> Iterator[tuple[int, list[str]]]:
             if len(cells) > 1 or (cells and cells[0].strip()):
                 yield reader.line_num, cells
     except csv.Error as error:
-        raise CaptureError(
-            f"{shown(path)}:{reader.line_num}: not a CSV file ({printable(str(error))})"
-        ) from None
+        raise CaptureError(f"{shown(path)}:{reader.line_num}: not a CSV file ({printable(str(error))})") from None
 
 
 def _number(cell: str, path: Path, line: int, column: int, what: str) -> float:
@@ -269,8 +254,7 @@ def _table(
                 cells = cells[:width]
             else:
                 raise CaptureError(
-                    f"{shown(path)}:{number}: {len(cells)} columns, expected {width} "
-                    f"(up to '{printable(columns[-1])}')"
+                    f"{shown(path)}:{number}: {len(cells)} columns, expected {width} (up to '{printable(columns[-1])}')"
                 )
         row = None
         if not careful:
@@ -304,9 +288,7 @@ def _points(
     empty = np.isnan(points)
     partial = (empty.any(axis=2) & ~empty.all(axis=2)).sum(axis=0)
     for k in np.flatnonzero(partial).tolist():
-        warnings.append(
-            f"marker '{labels[k]}' lacks a coordinate in {partial[k]} frames and counts as occluded there"
-        )
+        warnings.append(f"marker '{labels[k]}' lacks a coordinate in {partial[k]} frames and counts as occluded there")
     return points
 
 
@@ -323,9 +305,7 @@ def _first_frame(numbers: NDArray[np.float64], lines: Sequence[int], path: Path,
     return int(numbers[0])
 
 
-def _rate(
-    times: NDArray[np.float64], lines: Sequence[int], path: Path, column: int, warnings: list[str]
-) -> float:
+def _rate(times: NDArray[np.float64], lines: Sequence[int], path: Path, column: int, warnings: list[str]) -> float:
     """Frames per second from evenly spaced times, s."""
     name = shown(path)
     if not np.isfinite(times).all():
@@ -344,14 +324,22 @@ def _rate(
             f"{name}:{lines[uneven[0]]}: column {column} (time_s): {times[uneven[0]]:g} s is out of step "
             f"with {rate:g} frames a second; frames must be evenly spaced"
         )
-    # Times have been rounded in writing: prefer the shortest rate that gives them back.
-    for digits in range(3, 16):
+    # Times are rounded: prefer the shortest rate that fits them no worse than the one from their ends.
+    steps, since = np.arange(len(times)), times - times[0]
+    tolerance = max(np.abs(steps / rate - since).max(), 4 * np.finfo(float).eps * np.abs(times).max())
+    for digits in range(1, 17):
         short = float(f"{rate:.{digits}g}")
-        if short > 0 and np.abs(np.arange(len(times)) / short - (times - times[0])).max() <= 1e-12 * max(
-            1.0, span
-        ):
+        if np.abs(steps / short - since).max() <= tolerance:
             return short
     return float(rate)
+
+
+def _take(path: Path, **contents: Any) -> Capture:
+    """The take of a file; what is wrong with it is told together with the file's name."""
+    try:
+        return Capture(**contents, source=FileSource(path.absolute()))
+    except CaptureError as error:
+        raise CaptureError(f"{shown(path)}: {error}") from None
 
 
 def _write_rows(
