@@ -235,9 +235,7 @@ def compensate_as_published(
     )
 
 
-def _posed(
-    estimator: PoseEstimator, points: Array, reference: Reference, chosen: RigidMarkers, name: str
-) -> Pose:
+def _posed(estimator: PoseEstimator, points: Array, reference: Reference, chosen: RigidMarkers, name: str) -> Pose:
     if estimator.markers is not None and points.shape[1] != estimator.markers:
         raise EvalkitError(
             f"pose method {name} takes exactly {estimator.markers} rigid markers, "

@@ -50,7 +50,7 @@ def staged(directory: Path) -> Iterator[Path]:
         stage = Path(tempfile.mkdtemp(prefix=".evalkit-", dir=directory))
         yield stage
         for file in sorted(stage.iterdir()):
-            os.replace(file, directory / file.name)
+            file.replace(directory / file.name)
         made.clear()
     except OSError as error:
         reason = error.strerror or str(error)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -42,5 +43,28 @@ def demo(
             write_report(take, result, stage / "report.html", methods=rows, truth=truth, source=path)
     typer.echo(describe(content, output, True))
     typer.echo("")
-    typer.echo(table(rows))
+    typer.echo(methods_table(rows))
     typer.echo(f"\nopen {output / 'report.html'} in a browser")
+
+
+def methods_table(rows: list[dict[str, Any]]) -> str:
+    """The comparison of methods as text."""
+    header = (
+        f"{'method':<32}{'status':<20}{'pivot error':>12}{'rotation':>10}{'expression':>12}{'time':>9}\n"
+        f"{'':<32}{'':<20}{'mm':>12}{'deg rms':>10}{'mm rms':>12}{'ms':>9}"
+    )
+    lines = [header]
+    for row in rows:
+        name = f"{row['kind']} {row['method']}{' *' if row['chosen'] else ''}"
+        cells = [
+            _cell(row[key], width, digits)
+            for key, width, digits in (
+                ("pivot_error_mm", 12, 2), ("rotation_error_deg", 10, 3), ("expression_error_mm", 12, 3),
+            )
+        ]  # fmt: skip
+        lines.append(f"{name:<32}{row['status']:<20}{''.join(cells)}{_cell(1000 * row['seconds'], 9, 1)}")
+    return "\n".join([*lines, "* chosen for the result; each line changes only the method it names"])
+
+
+def _cell(value: float, width: int, digits: int) -> str:
+    return f"{value:>{width}.{digits}f}" if math.isfinite(value) else f"{'-':>{width}}"

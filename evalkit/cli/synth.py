@@ -8,7 +8,6 @@ from typing import Annotated
 import typer
 
 
-
 def synth(
     preset: Annotated[str | None, typer.Argument(metavar="PRESET", help="Name of a preset; see --list.")] = None,
     output: Annotated[Path | None, typer.Option("-o", "--output", metavar="DIR", help="Folder to write into.")] = None,
@@ -41,5 +40,3 @@ def synth(
     files = write_synthetic(preset, output, seed=seed, **parse_overrides(settings or []))
     for path in files:
         typer.echo(f"wrote {path}")
-
-

@@ -10,7 +10,7 @@ import numpy as np
 
 from evalkit.errors import EvalkitError
 from evalkit.geometry import Array, nearest_rotation
-from evalkit.pose.model import Pose
+from evalkit.pose.model import Pose, whole_markers
 
 BLOCKS = 24
 """Stretches of time whose sums are compared to see how much the take itself scatters."""
@@ -83,7 +83,7 @@ class PivotEstimator:
 
     def __call__(self, points: Array, pose: Pose, **options: Any) -> Pivot:
         """Estimate the pivot."""
-        return self.function(np.asarray(points, dtype=np.float64), pose, **options)
+        return self.function(whole_markers(points), pose, **options)
 
 
 @dataclass(frozen=True, eq=False)

@@ -116,9 +116,7 @@ def search(
         converged = False
     position = np.array(best[1])
     covariance = length_covariance(points, pose, position)
-    return judge(
-        position, covariance, points, pose, converged=converged, evaluations=len(trace), trace=np.array(trace)
-    )
+    return judge(position, covariance, points, pose, converged=converged, evaluations=len(trace), trace=np.array(trace))
 
 
 def entries() -> dict[str, PivotEstimator]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from evalkit.errors import EvalkitError
 from evalkit.geometry import Array
-from evalkit.pose.reference import Reference
+from evalkit.pose.reference import Reference, check_reference
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,12 +47,7 @@ class Objective:
     pull_scale_mm: float = 100.0
 
     def __post_init__(self) -> None:
-        if isinstance(self.reference, str) and self.reference not in ("mean", "median"):
-            raise EvalkitError(f"reference '{self.reference}' is not known; use mean, median or a frame number")
-        if not isinstance(self.reference, str) and not 0 <= self.reference < len(self.points):
-            raise EvalkitError(
-                f"reference frame {self.reference} is outside the take; it has frames 0 to {len(self.points) - 1}"
-            )
+        check_reference(self.reference, len(self.points))
         if self.points.shape[1] < 2:
             raise EvalkitError("the angle term needs at least two rigid markers")
 
@@ -60,9 +55,11 @@ class Objective:
         """Differences of (..., F, M) values to the reference over frames."""
         if not isinstance(self.reference, str):
             return values - values[..., self.reference, None, :]
-        if mean == "median":
-            return values - np.nanmedian(values, axis=-2, keepdims=True)
         seen = np.isfinite(values)
+        if mean == "median":
+            # Two neighbours that are never seen together have no angle, and no median of it.
+            known = np.where(seen.any(axis=-2, keepdims=True), values, 0.0)
+            return values - np.nanmedian(known, axis=-2, keepdims=True)
         if seen.all():
             return values - values.mean(axis=-2, keepdims=True)
         count = np.maximum(seen.sum(axis=-2, keepdims=True), 1)

@@ -56,8 +56,9 @@ def reference_shape(
 ) -> Array:
     """Template (M, 3), mm, in world axes; parameters and errors as :func:`reference_pose`.
 
-    At most :data:`SUBSET` frames are used unless a marker is seen in others only. The mean is the fixed point of generalised Procrustes analysis without scale: align every frame to the
-    template, average, repeat (Gower, Psychometrika 40 (1975), doi:10.1007/BF02291478).
+    At most :data:`SUBSET` frames are used unless a marker is seen in others only. The mean is the fixed point of
+    generalised Procrustes analysis without scale: align every frame to the template, average, repeat (Gower,
+    Psychometrika 40 (1975), doi:10.1007/BF02291478).
     """
     check_reference(reference, len(points))
     names = list(labels) if labels is not None else [f"marker {k}" for k in range(points.shape[1])]
