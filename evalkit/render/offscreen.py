@@ -106,9 +106,7 @@ def offscreen_plotter(width: int, height: int, **options: Any) -> Iterator[pyvis
         import pyvista
     except ImportError as error:
         # VTK before 9.4 links against libGL and X and cannot even be imported without them.
-        raise EvalkitError(
-            f"VTK cannot be loaded ({error}); install it with: {APT_LINE} libgl1 libxrender1"
-        ) from error
+        raise EvalkitError(f"VTK cannot be loaded ({error}); install it with: {APT_LINE} libgl1 libxrender1") from error
     before = os.environ.get(WINDOW_VARIABLE)
     if sys.platform.startswith("linux"):
         os.environ.setdefault(WINDOW_VARIABLE, "vtkEGLRenderWindow")

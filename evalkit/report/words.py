@@ -1,0 +1,76 @@
+"""Numbers and statuses as a reader wants them."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from evalkit.compensation import Compensation
+from evalkit.errors import FrameStatus
+
+NOT_OBSERVABLE = "not observable"
+NO_NUMBER = "–"
+
+PIVOT_MEANING = {
+    "ok": "The motion shows where the head turns.",
+    "poorly-observable": "The motion shows only roughly where the head turns; take the pivot as a guess with the "
+    "uncertainty given, and turn the head further in the next take.",
+    "unobservable": "The motion cannot show the pivot along at least one axis. Along it the middle of the rigid "
+    "markers is shown, which is a convention and not an estimate.",
+    "not-converged": "The search for the pivot stopped before it settled; try another pivot method.",
+}
+
+FRAME_MEANING = {
+    FrameStatus.TOO_FEW_MARKERS: "fewer than three rigid markers seen",
+    FrameStatus.COLLINEAR: "the rigid markers seen stand in one line",
+    FrameStatus.NOT_CONVERGED: "the pose search did not settle",
+}
+
+
+def number(value: Any, digits: int = 3) -> str:
+    """A measure with as many digits as it can bear; infinite: not observable; NaN: a dash."""
+    if value is None or (isinstance(value, float) and math.isnan(value)):
+        return NO_NUMBER
+    value = float(value)
+    if math.isinf(value):
+        return NOT_OBSERVABLE
+    if value == 0:
+        return "0"
+    size = math.floor(math.log10(abs(value)))
+    return f"{value:,.{min(max(digits - 1 - size, 0), 4)}f}".replace("-", "−")
+
+
+def coordinate(value: float) -> str:
+    """A position in mm, to a tenth."""
+    return f"{value:,.1f}".replace("-", "−") if np.isfinite(value) else NO_NUMBER
+
+
+def headline(result: Compensation) -> str:
+    """What was done, in a sentence."""
+    ok = int((result.frame_status == FrameStatus.OK).sum())
+    frames = result.capture.frames
+    part = f"all {frames:,} frames" if ok == frames else f"{ok:,} of {frames:,} frames ({ok / frames:.0%})"
+    return (
+        f"The head's motion was estimated from {len(result.rigid)} rigid markers and taken out of {part}; "
+        "what remains is the motion of the face."
+    )
+
+
+def frame_counts(result: Compensation) -> list[tuple[str, int]]:
+    """Unusable frames by reason, in words."""
+    counts = np.bincount(result.frame_status, minlength=len(FrameStatus))
+    return [(words, int(counts[code])) for code, words in FRAME_MEANING.items() if counts[code]]
+
+
+def sway_words(result: Compensation) -> str:
+    """What the translation was allowed to be, and what follows for the role of the pivot."""
+    if result.sway_mode == "auto":
+        return (
+            "every frame keeps its own translation, so the compensated markers do not depend on the pivot; "
+            "the pivot only splits the motion into turning and sway"
+        )
+    if result.sway_mode == "none":
+        return "the pivot is held still, so an error of the pivot is left in the compensated markers"
+    return f"the pivot's displacement is smoothed by a cubic B-spline with a knot every {result.sway_mode:g} s"
