@@ -89,23 +89,25 @@ def closed_form(points: Array, *, correct_bias: bool = True) -> Array:
     centred = np.where(seen[:, used, None], x - mean, 0.0)
     normal = 2.0 * np.einsum("fmi,fmj,m->ij", centred, centred, 1.0 / count, optimize=True)
     right = np.einsum("fmi,fm,m->i", centred, square, 1.0 / count, optimize=True)
-    solution = _solve(normal, right)
+    # A marker that stays within a ten-millionth of the extent has not moved: what is left is rounding.
+    least = 1e-14 * float(square.sum() / count.sum())
+    solution = _solve(normal, right, least)
     rows = float(used.sum())
     variance = 0.0
     for _ in range(20 if correct_bias else 0):
         lengths = np.where(seen[:, used], np.linalg.norm(x - solution, axis=2), np.nan)
         before = variance
         variance = float(np.nanmean(np.nanvar(lengths, axis=0)))
-        solution = _solve(normal - 2 * rows * variance * np.eye(3), right - 2 * variance * mean.sum(axis=0))
+        solution = _solve(normal - 2 * rows * variance * np.eye(3), right - 2 * variance * mean.sum(axis=0), least)
         if abs(variance - before) <= 1e-12 * variance:
             break
     return origin + solution
 
 
-def _solve(normal: Array, right: Array) -> Array:
+def _solve(normal: Array, right: Array, least: float) -> Array:
     """Solution of least norm in the directions in which the markers moved at all."""
     values, vectors = np.linalg.eigh(normal)
-    shown = values > 1e-12 * max(values[-1], 0.0)
+    shown = values > max(1e-12 * values[-1], least)
     return (vectors[:, shown] / values[shown]) @ (vectors[:, shown].T @ right)
 
 
