@@ -143,9 +143,7 @@ def test_agreement_with_py_c3d():
         factor = np.array([MILLIMETRES[take.unit] if q == "position" else 1.0 for q in take.quantities])
         seen = take.visible
         assert points.shape[:2] == seen.shape
-        np.testing.assert_allclose(
-            take.points[seen], (points[..., :3] * factor[:, None])[seen], rtol=1e-6, atol=1e-4
-        )
+        np.testing.assert_allclose(take.points[seen], (points[..., :3] * factor[:, None])[seen], rtol=1e-6, atol=1e-4)
         assert ((points[..., 3] < 0) | (points[..., :3] == 0).all(axis=2))[~seen].all()
 
 
@@ -154,18 +152,12 @@ def test_agreement_with_the_slow_walker(tmp_path):
         take = read_capture(path)
         raw = path.read_bytes()
         slow = c3d_slow.take_apart(raw)
-        scale = (
-            c3d_slow.get_real(slow.parameter("POINT", "SCALE").values, slow.processor)
-            if slow.integer
-            else 1.0
-        )
+        scale = c3d_slow.get_real(slow.parameter("POINT", "SCALE").values, slow.processor) if slow.integer else 1.0
         words = np.array([[[slow.word(w) for w in p] for p in frame] for frame in slow.points[:40]])
         seen = (words[..., 3] >= 0) & (words[..., :3] != 0).any(axis=2)
         np.testing.assert_array_equal(seen, take.visible[:40])
         factor = np.array([MILLIMETRES[take.unit] if q == "position" else 1.0 for q in take.quantities])
-        np.testing.assert_allclose(
-            take.points[:40][seen], (words[..., :3] * scale * factor[:, None])[seen], rtol=1e-12
-        )
+        np.testing.assert_allclose(take.points[:40][seen], (words[..., :3] * scale * factor[:, None])[seen], rtol=1e-12)
 
 
 def test_model_outputs_are_no_positions():
@@ -179,9 +171,7 @@ def test_model_outputs_are_no_positions():
 # --- units, labels, axes -----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "unit, factor", [("mm", 1.0), ("cm", 10.0), ("m", 1000.0), ("in", 25.4), ("CM", 10.0)]
-)
+@pytest.mark.parametrize("unit, factor", [("mm", 1.0), ("cm", 10.0), ("m", 1000.0), ("in", 25.4), ("CM", 10.0)])
 def test_units_become_millimetres(tmp_path, unit, factor):
     points = points_of(3, 2)
     take = read_capture(save(tmp_path, build(points, unit=unit)))
@@ -205,9 +195,7 @@ def test_quantities_keep_their_numbers(tmp_path):
     ]  # fmt: skip
     take = read_capture(save(tmp_path, build(points, unit="cm", extra=listed)))
     assert take.quantities == ["position", "angle", "angle", "force"]
-    np.testing.assert_allclose(
-        take.points, positions(points) * np.array([10.0, 1, 1, 1])[:, None], rtol=1e-12
-    )
+    np.testing.assert_allclose(take.points, positions(points) * np.array([10.0, 1, 1, 1])[:, None], rtol=1e-12)
 
 
 def test_labels_continue_are_trimmed_and_made_unique(tmp_path):
@@ -281,9 +269,7 @@ def test_counts_that_disagree(tmp_path):
     ]
     take = read_capture(save(tmp_path, build(points, extra=trial)))
     assert take.frames == 40 and take.first_frame == 101
-    refuse(
-        tmp_path, build(points, header={6: struct.pack("<HH", 5, 3)}, change={"FRAMES": None}), "no frames"
-    )
+    refuse(tmp_path, build(points, header={6: struct.pack("<HH", 5, 3)}, change={"FRAMES": None}), "no frames")
 
 
 def test_a_long_take_cut_to_what_its_header_can_say_is_refused(tmp_path):
@@ -310,10 +296,12 @@ def real_entry(name: bytes, value: float) -> dict:
         ({"change": real_entry(b"SCALE", float("nan"))}, ["POINT:SCALE"]),
         ({"integer": True, "scale": 0.5, "change": real_entry(b"SCALE", 0.5001)}, ["0.5001"]),
         ({"change": real_entry(b"RATE", 61.0)}, ["60 Hz", "61 Hz"]),
+        ({"change": real_entry(b"RATE", 59.94)}, ["60 Hz", "59.94 Hz"]),
         ({"change": real_entry(b"RATE", float("inf"))}, ["frame rate"]),
         ({"rate": 0.0}, ["frame rate"]),
         ({"header": {2: b"\x03\0"}}, ["3 markers"]),
         ({"header": {4: b"\x05\0"}}, ["analog"]),
+        ({"analog": [[1.0, 2.0]] * 6, "header": {4: bytes(2), 18: bytes(2)}}, ["ANALOG:USED 2"]),
         ({"header": {16: b"\x04\0"}}, ["data"]),
         ({"header": {16: b"\xff\xff"}}, ["cut short"]),
         ({"header": {0: b"\x01"}}, ["parameters"]),

@@ -118,9 +118,7 @@ def _read(path: Path) -> Capture:
     if len(head) < 2 or head[1] != KEY:
         raise CaptureError("not a C3D file (its second byte is not 0x50); name a .c3d capture")
     if size < 2 * BLOCK:
-        raise CaptureError(
-            f"cut short: {size} bytes, and a C3D file has at least {2 * BLOCK}; get a complete copy"
-        )
+        raise CaptureError(f"cut short: {size} bytes, and a C3D file has at least {2 * BLOCK}; get a complete copy")
     raw = read_bytes(path)
     warnings: list[str] = []
     layout, section, rate, first = _layout(raw, warnings)
@@ -128,9 +126,7 @@ def _read(path: Path) -> Capture:
     quantities = _quantities(section, labels)
     unit = _unit(section, warnings)
     axes = _axes(section, warnings)
-    source = C3DSource(
-        path.absolute(), raw, section, layout, tuple(labels), rate, unit, first, axes, tuple(quantities)
-    )
+    source = C3DSource(path.absolute(), raw, section, layout, tuple(labels), rate, unit, first, axes, tuple(quantities))
     return Capture._adopt(
         _points(raw, layout, unit, quantities),
         labels=labels, rate=rate, unit=unit, first_frame=first, axes=axes, quantities=quantities,
@@ -141,9 +137,7 @@ def _read(path: Path) -> Capture:
 def _layout(raw: bytes, warnings: list[str]) -> tuple[Layout, ParameterSection, float, int]:
     """Find the samples from header and parameters, which must agree; also the rate and the first frame."""
     if raw[0] < 2:
-        raise CaptureError(
-            f"header points to the parameters at block {raw[0]}, inside itself; the file is damaged"
-        )
+        raise CaptureError(f"header points to the parameters at block {raw[0]}, inside itself; the file is damaged")
     start = BLOCK * (raw[0] - 1)
     if start + BLOCK > len(raw):
         raise CaptureError(
@@ -151,9 +145,7 @@ def _layout(raw: bytes, warnings: list[str]) -> tuple[Layout, ParameterSection, 
         )
     code = raw[start + 3]
     if code not in tuple(Processor):
-        raise CaptureError(
-            f"unknown processor code {code} (expected 84, 85 or 86); the file is damaged or no C3D"
-        )
+        raise CaptureError(f"unknown processor code {code} (expected 84, 85 or 86); the file is damaged or no C3D")
     processor = Processor(code)
     words = np.frombuffer(raw, processor.order + "u2", 10)
     markers, analog, first, last, data_block, per_frame = (int(words[k]) for k in (1, 2, 3, 4, 8, 9))
@@ -177,9 +169,7 @@ def _layout(raw: bytes, warnings: list[str]) -> tuple[Layout, ParameterSection, 
 
     used = section.number("POINT", "USED")
     if used is None or int(used) != markers:
-        raise CaptureError(
-            f"header says {markers} markers, POINT:USED says {_said(used)}; the file is damaged"
-        )
+        raise CaptureError(f"header says {markers} markers, POINT:USED says {_said(used)}; the file is damaged")
     if markers == 0:
         raise CaptureError("holds no markers (POINT:USED is 0); name a capture with 3-D points")
     layout = Layout(
@@ -213,9 +203,7 @@ def _scale(section: ParameterSection, header: float, warnings: list[str]) -> tup
     if header == 0:
         warnings.append("the header states no scale; POINT:SCALE is used")
     elif not np.isfinite(header) or (header > 0) != integer:
-        raise CaptureError(
-            f"header scale {header:g} and POINT:SCALE {stated:g} differ in sign; the file is damaged"
-        )
+        raise CaptureError(f"header scale {header:g} and POINT:SCALE {stated:g} differ in sign; the file is damaged")
     elif integer and abs(header - stated) > 1e-6 * stated:
         raise CaptureError(f"header scale is {header:g}, POINT:SCALE {stated:g}; the file is damaged")
     elif integer and header != stated:
@@ -232,9 +220,9 @@ def _rate(section: ParameterSection, header: float, warnings: list[str]) -> floa
         warnings.append("POINT:RATE is missing; the header's rate is used")
     elif header == 0:
         warnings.append("the header states no rate; POINT:RATE is used")
-    elif not abs(header - stated) <= 1e-3 * stated:
+    elif not abs(header - stated) <= 1e-5 * stated:
         raise CaptureError(f"header says {header:g} Hz, POINT:RATE {stated:g} Hz; correct one of them")
-    elif abs(header - stated) > 1e-6 * stated:
+    elif header != stated:
         warnings.append(f"the header says {header:.9g} Hz, POINT:RATE {stated:.9g} Hz; the latter is used")
     return rate
 
@@ -243,10 +231,8 @@ def _analog(section: ParameterSection, header: int, per_frame: int, warnings: li
     """Analog samples in a frame: what the header says, if ANALOG:USED agrees."""
     used = section.number("ANALOG", "USED")
     if header and (per_frame == 0 or header % per_frame):
-        raise CaptureError(
-            f"{header} analog samples a frame cannot be {per_frame} a channel; the file is damaged"
-        )
-    if used is not None and int(used) * per_frame != header and (used or header):
+        raise CaptureError(f"{header} analog samples a frame cannot be {per_frame} a channel; the file is damaged")
+    if used is not None and (int(used) * per_frame != header if header else used > 0):
         raise CaptureError(
             f"header says {header} analog samples a frame, ANALOG:USED {used:g} x {per_frame}; file damaged"
         )
