@@ -35,9 +35,7 @@ def paper_objective(
     return total
 
 
-def squared_objective(
-    points, candidate, origin, weights=(1.0, 1.0, 1.0), length_scale=100.0, pull_scale=100.0
-):
+def squared_objective(points, candidate, origin, weights=(1.0, 1.0, 1.0), length_scale=100.0, pull_scale=100.0):
     """The squared variant of Eq. (5) about the mean over frames."""
     arm = points - candidate
     length = np.linalg.norm(arm, axis=2)
@@ -59,6 +57,15 @@ def finite_difference(function, at, step=1e-3):
         down[k] -= step
         gradient[k] = (function(up) - function(down)) / (2 * step)
     return gradient
+
+
+def second_difference(function, at, step=0.05):
+    """Matrix of second derivatives, the gradient's central differences."""
+    columns = []
+    for unit in np.eye(3):
+        up, down = (finite_difference(function, at + sign * step * unit, step) for sign in (1, -1))
+        columns.append((up - down) / (2 * step))
+    return np.array(columns)
 
 
 def pivot_least_squares(rotations, translations):
