@@ -204,6 +204,10 @@ def test_labels_continue_are_trimmed_and_made_unique(tmp_path):
     take = read_capture(save(tmp_path, build(points, labels=["A", ""], extra=more)))
     assert take.labels == ["A", "unnamed_2", "A_3", "A_2"]
     assert len(take.warnings) == 2
+    vast = {"LABELS": Entry(1, b"LABELS", False, -1, (0,) + (255,) * 6, b"")}
+    take = read_capture(save(tmp_path, build(points, change=vast), "vast.c3d"))
+    assert take.labels == [f"unnamed_{k}" for k in range(1, 5)]
+    assert len(read_capture(save(tmp_path, build(points_of(1, 60), labels=[]), "none.c3d")).warnings) == 12
     few = read_capture(save(tmp_path, build(points, labels=["A", "B"]), "few.c3d"))
     assert few.labels == ["A", "B", "unnamed_3", "unnamed_4"]
     assert "2 of 4 markers have no label" in few.warnings[0]
@@ -307,6 +311,9 @@ def real_entry(name: bytes, value: float) -> dict:
         ({"header": {0: b"\x01"}}, ["parameters"]),
         ({"header": {0: b"\xff"}}, ["cut short"]),
         ({"header": {1: b"\x51"}}, ["not a C3D"]),
+        ({"change": real_entry(b"USED", float("nan"))}, ["POINT:USED is nan"]),
+        ({"change": real_entry(b"USED", 2.5)}, ["POINT:USED is 2.5"]),
+        ({"change": real_entry(b"DATA_START", float("inf"))}, ["POINT:DATA_START is inf"]),
         ({"extra": [Entry(-1, b"AGAIN", False)]}, ["number 1"]),
         ({"extra": [Entry(-9, b"POINT", False)]}, ["there twice"]),
         ({"extra": [Entry(1, b"RATE", False, 2, (), b"\0\0")]}, ["POINT:RATE is there twice"]),
@@ -390,6 +397,7 @@ def test_what_is_no_capture_is_told_in_one_line(tmp_path):
 
     assert "no such file" in message(tmp_path / "none.c3d")
     assert "no such file" in message(str(tmp_path / "bad\nname.c3d"))
+    assert "not a valid file name" in message("\ud800.c3d")
     folder = tmp_path / "folder.c3d"
     folder.mkdir()
     assert "a directory" in message(folder)

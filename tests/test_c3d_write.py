@@ -258,7 +258,9 @@ def read_by_others(path: Path) -> tuple[np.ndarray, np.ndarray]:
     return ezc3d.c3d(str(path))["data"]["points"].transpose(2, 1, 0), np.array(frames)
 
 
-@pytest.mark.parametrize("frames, markers, first", [(1, 1, 1), (40, 300, 1), (5_000, 2, 63_000), (65_535, 1, 1)])
+@pytest.mark.parametrize(
+    "frames, markers, first", [(1, 1, 1), (40, 300, 1), (5_000, 2, 63_000), (65_535, 1, 1), (10, 2, 100_000)]
+)
 def test_others_read_fresh_files(tmp_path, frames, markers, first):
     take = some_take(frames, markers, first_frame=first)
     write_capture(take, tmp_path / "new.c3d")
@@ -268,6 +270,13 @@ def test_others_read_fresh_files(tmp_path, frames, markers, first):
     for points in read_by_others(tmp_path / "new.c3d"):
         assert points.shape[:2] == (frames, markers)
         np.testing.assert_allclose(points[..., :3][take.visible], take.points[take.visible], rtol=1e-6)
+
+
+def test_frames_that_begin_before_1_are_renumbered_and_told(tmp_path):
+    take = some_take(first_frame=0)
+    assert "counted from 1" in write_capture(take, tmp_path / "new.c3d")[0]
+    again = read_capture(tmp_path / "new.c3d")
+    assert again.first_frame == 1 and again.frames == take.frames
 
 
 def check_long(folder: Path, frames: int) -> None:

@@ -46,6 +46,9 @@ class Parameter:
     def texts(self) -> list[str]:
         """Its character strings without padding; the first dimension is their width."""
         width = self.shape[0] if self.shape else 1
+        if not self.raw:
+            # Without characters the other dimensions are bound by nothing.
+            return []
         count = prod(self.shape[1:])
         return [text(self.raw[k * width : (k + 1) * width]) for k in range(count)]
 
@@ -74,6 +77,15 @@ class ParameterSection:
             return None
         values = found.numbers()
         return float(values[0]) if values.size else None
+
+    def count(self, group: str, name: str) -> int | None:
+        """A numeric parameter that must be a whole number, or None where there is none."""
+        value = self.number(group, name)
+        if value is None:
+            return None
+        if not 0 <= value < 2**53 or value != int(value):
+            raise CaptureError(f"{group}:{name} is {value:g}, not a count; the file is damaged")
+        return int(value)
 
     def series(self, group: str, name: str) -> list[str]:
         """Strings of NAME, NAME2, NAME3 ... in one list, as files with over 255 points continue them."""
@@ -148,27 +160,19 @@ def _entry(raw: bytes, at: int, length: int, limit: int, section: ParameterSecti
     pointer = int.from_bytes(raw[pointer_at : pointer_at + 2], order)  # type: ignore[arg-type]
     end = pointer_at + pointer if pointer else limit
     if end > limit:
-        raise CaptureError(
-            f"parameter {name} points {end - limit} bytes beyond the section; the file is damaged"
-        )
+        raise CaptureError(f"parameter {name} points {end - limit} bytes beyond the section; the file is damaged")
     cursor = pointer_at + 2
     parameter = None
     if identifier > 0:
         kind = raw[cursor] - 256 if raw[cursor] > 127 else raw[cursor]
         if cursor + 2 > end or kind not in (-1, 1, 2, 4) or raw[cursor + 1] > 7:
-            raise CaptureError(
-                f"parameter {name} has an impossible type or number of dimensions; file damaged"
-            )
+            raise CaptureError(f"parameter {name} has an impossible type or number of dimensions; file damaged")
         shape = tuple(raw[cursor + 2 : cursor + 2 + raw[cursor + 1]])
         cursor += 2 + len(shape)
         size = prod(shape) * abs(kind)
         if cursor + size > end:
-            raise CaptureError(
-                f"values of parameter {name} ({size} bytes) leave its entry; the file is damaged"
-            )
-        parameter = Parameter(
-            identifier, name, kind, shape, cursor, raw[cursor : cursor + size], section.processor
-        )
+            raise CaptureError(f"values of parameter {name} ({size} bytes) leave its entry; the file is damaged")
+        parameter = Parameter(identifier, name, kind, shape, cursor, raw[cursor : cursor + size], section.processor)
         cursor += size
     if cursor >= end or cursor + 1 + raw[cursor] > end:
         raise CaptureError(f"description of parameter {name} leaves its entry; the file is damaged")

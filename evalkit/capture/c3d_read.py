@@ -34,8 +34,8 @@ UNIT_NAMES = {
     "in": ("in", "inch", "inches"),
 }
 
-FRAMES_AT_ONCE = 1 << 20
-"""Point samples converted at a time: small enough to stay in the cache, large enough to cost no overhead."""
+SAMPLES_AT_ONCE = 1 << 17
+"""Samples converted at a time: few enough to stay in the cache, many enough to cost no overhead."""
 
 
 @dataclass(frozen=True)
@@ -105,6 +105,8 @@ def read_c3d(path: Path) -> Capture:
     except CaptureError as error:
         text = str(error)
         raise (error if text.startswith(shown(path)) else CaptureError(f"{shown(path)}: {text}")) from None
+    except MemoryError:
+        raise CaptureError(f"{shown(path)}: does not fit into memory; cut the take into parts") from None
 
 
 def _read(path: Path) -> Capture:
@@ -120,6 +122,8 @@ def _read(path: Path) -> Capture:
     if size < 2 * BLOCK:
         raise CaptureError(f"cut short: {size} bytes, and a C3D file has at least {2 * BLOCK}; get a complete copy")
     raw = read_bytes(path)
+    if len(raw) < size:
+        raise CaptureError("became shorter while it was read; try again")
     warnings: list[str] = []
     layout, section, rate, first = _layout(raw, warnings)
     labels = _labels(section, layout.markers, warnings)
@@ -167,8 +171,8 @@ def _layout(raw: bytes, warnings: list[str]) -> tuple[Layout, ParameterSection, 
     if raw[section.end : data_start].strip(b"\0 "):
         raise CaptureError(f"parameter list ends early at byte {section.end}; the file is damaged")
 
-    used = section.number("POINT", "USED")
-    if used is None or int(used) != markers:
+    used = section.count("POINT", "USED")
+    if used != markers:
         raise CaptureError(f"header says {markers} markers, POINT:USED says {_said(used)}; the file is damaged")
     if markers == 0:
         raise CaptureError("holds no markers (POINT:USED is 0); name a capture with 3-D points")
@@ -186,7 +190,7 @@ def _said(value: float | None) -> str:
 
 
 def _data_start(section: ParameterSection, header: int) -> int:
-    stated = int(section.number("POINT", "DATA_START") or 0)
+    stated = section.count("POINT", "DATA_START") or 0
     if header and stated and header != stated:
         raise CaptureError(f"header says data block {header}, POINT:DATA_START {stated}; the file is damaged")
     if not (header or stated):
@@ -229,12 +233,12 @@ def _rate(section: ParameterSection, header: float, warnings: list[str]) -> floa
 
 def _analog(section: ParameterSection, header: int, per_frame: int, warnings: list[str]) -> int:
     """Analog samples in a frame: what the header says, if ANALOG:USED agrees."""
-    used = section.number("ANALOG", "USED")
+    used = section.count("ANALOG", "USED")
     if header and (per_frame == 0 or header % per_frame):
         raise CaptureError(f"{header} analog samples a frame cannot be {per_frame} a channel; the file is damaged")
-    if used is not None and (int(used) * per_frame != header if header else used > 0):
+    if used is not None and (used * per_frame != header if header else used > 0):
         raise CaptureError(
-            f"header says {header} analog samples a frame, ANALOG:USED {used:g} x {per_frame}; file damaged"
+            f"header says {header} analog samples a frame, ANALOG:USED {used} x {per_frame}; file damaged"
         )
     rates = section.number("ANALOG", "RATE"), section.number("POINT", "RATE")
     if header and rates[0] and rates[1] and abs(rates[0] / rates[1] - per_frame) > 1e-3 * per_frame:
@@ -360,7 +364,7 @@ def factors(unit: str, quantities: tuple[str, ...] | list[str]) -> NDArray[np.fl
 
 def blocks(layout: Layout) -> list[slice]:
     """Runs of frames that together make the take."""
-    step = max(1, FRAMES_AT_ONCE // layout.columns)
+    step = max(1, SAMPLES_AT_ONCE // layout.columns)
     return [slice(k, min(k + step, layout.frames)) for k in range(0, layout.frames, step)]
 
 

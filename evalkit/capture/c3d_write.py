@@ -43,15 +43,14 @@ def write_c3d(take: Capture, path: Path) -> list[str]:
     source = take.source
     if not isinstance(source, C3DSource):
         with replacing(path) as stream:
-            _write_fresh(take, stream)
-        return []
+            return _write_fresh(take, stream)
     changed = _changes(take, source)
     with replacing(path) as stream:
         if changed:
-            _write_fresh(take, stream)
             return [
                 f"{', '.join(changed)} changed since the take was read: a new file was written without the "
-                "other contents of the source"
+                "other contents of the source",
+                *_write_fresh(take, stream),
             ]
         return _write_copy(take, source, stream)
 
@@ -137,19 +136,15 @@ def _write_copy(take: Capture, source: C3DSource, stream: BinaryIO) -> list[str]
     for run in blocks(layout):
         if promote:
             block = np.empty((run.stop - run.start, layout.columns), layout.processor.real_type)
-            block[:, : 4 * layout.markers] = layout.processor.encode(
-                samples[run, : 4 * layout.markers], block.dtype
-            )
-            block[:, 4 * layout.markers :] = layout.processor.encode(
-                analog[run, 4 * layout.markers :], block.dtype
-            )
+            block[:, : 4 * layout.markers] = layout.processor.encode(samples[run, : 4 * layout.markers], block.dtype)
+            block[:, 4 * layout.markers :] = layout.processor.encode(analog[run, 4 * layout.markers :], block.dtype)
         else:
             block = samples[run].copy()
         part = block[:, : 4 * layout.markers].reshape(-1, layout.markers, 4)
         _fill_points(part, take.points[run], step, layout.processor)
         stream.write(block.data)
     if promote:
-        _pad(stream, layout.frames)
+        _pad(stream, take.first_frame + take.frames - 1)
     else:
         stream.write(memoryview(raw)[layout.end :])
     return notes
@@ -170,24 +165,29 @@ def _unsigned_analog(source: C3DSource) -> bool:
     return bool(stated) and stated[0].upper() == "UNSIGNED"
 
 
-def _pad(stream: BinaryIO, frames: int) -> None:
-    """Fill the last block; not in long takes, where readers count frames by the size of the file."""
-    if frames < SATURATED:
+def _pad(stream: BinaryIO, last: int) -> None:
+    """Fill the last block, unless frame numbers need more than 2 bytes: then readers count to the file's end."""
+    if last < SATURATED:
         stream.write(bytes(-stream.tell() % BLOCK))
 
 
-def _write_fresh(take: Capture, stream: BinaryIO) -> None:
+def _write_fresh(take: Capture, stream: BinaryIO) -> list[str]:
     """A new file: PC byte order, reals, groups POINT and ANALOG, for long takes also TRIAL."""
     if not take.rate < LARGEST:
         raise CaptureError(f"frame rate {take.rate:g} Hz cannot be written as C3D")
     layout = Layout(Processor.PC, False, 1.0, 0, take.frames, len(take.labels), 0)
-    stream.write(_head(take))
+    notes = []
+    first = max(1, take.first_frame)
+    if first != take.first_frame:
+        notes.append(f"frames are counted from 1, not {take.first_frame}: C3D has no frame 0")
+    stream.write(_head(take, first))
     divisor = _divisor(take)
     for run in blocks(layout):
         block = np.zeros((run.stop - run.start, layout.markers, 4), layout.dtype)
         _fill_points(block, take.points[run], divisor, layout.processor)
         stream.write(block.data)
-    _pad(stream, take.frames)
+    _pad(stream, first + take.frames - 1)
+    return notes
 
 
 def _entry(group: int, name: str, kind: int, shape: Sequence[int], values: bytes) -> bytes:
@@ -229,15 +229,14 @@ def _encoded_labels(take: Capture) -> list[bytes]:
     return encoded
 
 
-def _head(take: Capture) -> bytes:
-    """Header and parameter section of a fresh file."""
+def _head(take: Capture, first: int) -> bytes:
+    """Header and parameter section of a fresh file whose first frame has the number `first`."""
     markers, frames = len(take.labels), take.frames
-    last = take.first_frame + frames - 1
-    first = take.first_frame
+    last = first + frames - 1
     long = last >= SATURATED
     if markers > 16_383:
         raise CaptureError(f"{markers} markers do not fit a C3D file; write fewer than 16,384")
-    if not 1 <= first <= last < 2**31:
+    if last >= 2**31:
         raise CaptureError(f"frames {first} to {last} do not fit a C3D file; set first_frame to 1")
     labels = _encoded_labels(take)
 

@@ -23,7 +23,7 @@ class FileSource:
 
 def shown(path: str | os.PathLike[str]) -> str:
     """The path as it may stand in a one-line message, whatever its characters."""
-    text = os.fsencode(os.fspath(path)).decode("utf-8", "replace")
+    text = str(path).encode("utf-8", "replace").decode()
     return "".join(letter if letter.isprintable() else "?" for letter in text)
 
 
@@ -96,9 +96,7 @@ def replacing(path: Path) -> Iterator[BinaryIO]:
         if path.is_dir():
             raise CaptureError(f"{shown(path)}: a directory; name a file in it")
         if not path.parent.is_dir():
-            raise CaptureError(
-                f"{shown(path)}: the folder {shown(path.parent)} does not exist; make it first"
-            )
+            raise CaptureError(f"{shown(path)}: the folder {shown(path.parent)} does not exist; make it first")
         try:
             # Exclusive creation with the default mode: unlike tempfile's 0600 it honours the user's umask.
             with temporary.open("xb") as stream:

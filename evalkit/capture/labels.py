@@ -6,6 +6,9 @@ from collections.abc import Sequence
 
 from evalkit.errors import CaptureError
 
+MOST_TOLD = 10
+"""Labels whose change is told one by one."""
+
 
 def printable(text: str, length: int = 60) -> str:
     """Text from a file, fit for a one-line message."""
@@ -15,6 +18,7 @@ def printable(text: str, length: int = 60) -> str:
 def unique_labels(labels: Sequence[str], warnings: list[str]) -> list[str]:
     """Labels made printable, non-blank and unique; every change is told in `warnings`."""
     unique: dict[str, None] = {}
+    changed = []
     taken = set(labels)
     count: dict[str, int] = {}
     for k, original in enumerate(labels):
@@ -24,8 +28,11 @@ def unique_labels(labels: Sequence[str], warnings: list[str]) -> list[str]:
             count[base] = count.get(base, 1) + 1
             label = f"{base}_{count[base]}"
         if label != original:
-            warnings.append(f"label '{printable(original)}' of point {k + 1} is read as '{label}'")
+            changed.append(f"label '{printable(original)}' of point {k + 1} is read as '{label}'")
         unique[label] = None
+    warnings += changed[:MOST_TOLD]
+    if len(changed) > MOST_TOLD:
+        warnings.append(f"{len(changed) - MOST_TOLD} more labels are read otherwise than they stand there")
     return list(unique)
 
 
@@ -34,6 +41,5 @@ def check_labels(labels: Sequence[str]) -> None:
     for k, label in enumerate(labels):
         if not label or label != label.strip() or not label.isprintable():
             raise CaptureError(
-                f"label {label[:60]!a} of marker {k + 1} is blank, padded or has control characters; "
-                "rename the marker"
+                f"label {label[:60]!a} of marker {k + 1} is blank, padded or has control characters; rename the marker"
             )

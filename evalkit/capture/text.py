@@ -13,7 +13,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from evalkit.capture.c3d_read import FRAMES_AT_ONCE, QUANTITIES, UNIT_NAMES, factors
+from evalkit.capture.c3d_read import QUANTITIES, SAMPLES_AT_ONCE, UNIT_NAMES, factors
 from evalkit.capture.files import FileSource, read_bytes, replacing, shown
 from evalkit.capture.labels import check_labels, printable, unique_labels
 from evalkit.capture.model import MILLIMETRES, Capture
@@ -351,7 +351,7 @@ def _write_rows(
 ) -> None:
     """One line a frame: number, time and coordinates, with all the digits that reading back takes."""
     times = take.times.tolist()
-    step = max(1, FRAMES_AT_ONCE // (8 * points.shape[1]))
+    step = max(1, SAMPLES_AT_ONCE // points.shape[1])
     for start in range(0, take.frames, step):
         run = (points[start : start + step] / divisor).reshape(-1, 3 * points.shape[1])
         holes: NDArray[np.bool_] = np.asarray(np.isnan(run).any(axis=1))
