@@ -222,7 +222,8 @@ def judge(
         status = "poorly-observable"
         message = (
             f"the pivot is uncertain by {std[0]:.1f} mm (one standard deviation) along {describe_axis(axes[0])}, "
-            f"{std[0] / reach:.0%} of its distance from the markers ({reach:.0f} mm)"
+            + (f"{std[0] / reach:.0%} of" if reach > 1.0 else "many times")
+            + f" its distance from the markers ({reach:.0f} mm)"
         )
     else:
         status = "ok"
