@@ -15,6 +15,9 @@ from evalkit.errors import CaptureError
 MILLIMETRES = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}
 """Millimetres in one unit of length, for the units that a capture file may state."""
 
+QUANTITIES = ("position", "angle", "force", "moment", "power", "scalar")
+"""What a point of a capture may measure."""
+
 
 @dataclass(frozen=True, eq=False)
 class Capture:
@@ -73,7 +76,10 @@ class Capture:
         warnings: Sequence[str] = (),
         source: Any = None,
     ) -> None:
-        array = np.array(points, dtype=np.float64, order="C")
+        try:
+            array = np.array(points, dtype=np.float64, order="C")
+        except (TypeError, ValueError):
+            raise CaptureError("points are no array of numbers; expected shape (frames, markers, 3)") from None
         if array.ndim != 3 or array.shape[2] != 3:
             raise CaptureError(f"points have shape {array.shape}; expected (frames, markers, 3)")
         seen = np.isfinite(array[:, :, 0])
@@ -112,12 +118,13 @@ class Capture:
         if not (np.isfinite(rate) and rate > 0):
             raise CaptureError(f"frame rate {rate!r} is not a positive number of frames per second")
         if unit not in MILLIMETRES:
-            raise CaptureError(
-                f"unit '{unit}' is not a known unit of length; use one of {', '.join(MILLIMETRES)}"
-            )
+            raise CaptureError(f"unit '{unit}' is not a known unit of length; use one of {', '.join(MILLIMETRES)}")
         kinds = list(quantities) or ["position"] * len(names)
         if len(kinds) != len(names):
             raise CaptureError(f"{len(kinds)} quantities for {len(names)} markers; give one a marker")
+        unknown = next((kind for kind in kinds if kind not in QUANTITIES), None)
+        if unknown is not None:
+            raise CaptureError(f"quantity '{unknown}' is not known; use one of {', '.join(QUANTITIES)}")
         for name, value in (
             ("points", array), ("labels", names), ("rate", float(rate)), ("unit", unit),
             ("first_frame", int(first_frame)), ("axes", axes), ("quantities", kinds),
