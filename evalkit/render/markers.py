@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 
 import numpy as np
+from numpy.typing import NDArray
 
 from evalkit.capture import Capture
 from evalkit.compensation import Compensation
@@ -13,18 +14,23 @@ HEAD_MM = 300.0
 """Markers further from the middle of the rigid ones are not on the same head."""
 
 
-def head_columns(take: Capture, result: Compensation) -> list[int]:
+def head_columns(take: Capture, result: Compensation) -> NDArray[np.intp]:
     """Columns of the markers within a head's size of the rigid ones, the rigid ones included.
 
     Points that are no positions (angles, forces) and markers never seen in a frame with a head pose are left
     out. Distances are taken in the reference pose, where head markers keep their place.
     """
-    columns = [k for k, kind in enumerate(take.quantities) if kind == "position"]
+    columns = position_columns(take)
     places = median_places(result.capture.points[:, columns])
     with np.errstate(invalid="ignore"):
         near = np.linalg.norm(places - np.nanmean(result.template, axis=0), axis=1) <= HEAD_MM
-    kept = {columns[k] for k in np.flatnonzero(near)} | set(result.chosen.columns)
-    return sorted(kept)
+    # A marker without a place compares as far away.
+    return np.union1d(columns[near], result.chosen.columns)
+
+
+def position_columns(take: Capture) -> NDArray[np.intp]:
+    """Columns of the points that are positions."""
+    return np.flatnonzero([kind == "position" for kind in take.quantities])
 
 
 def median_places(points: np.ndarray, most: int = 2001) -> np.ndarray:

@@ -76,7 +76,12 @@ def compare_methods(
     # The rate of the thinned take keeps seconds what they are.
     rate = take.rate * max(len(some) - 1, 1) / max(take.frames - 1, 1)
     thin = Capture(take.points[some], take.labels, rate, axes=take.axes, quantities=take.quantities)
-    options = {"rigid": result.rigid, "reference": reference, "sway": result.sway_mode, "origin": result.origin}
+    options: dict[str, Any] = {
+        "rigid": result.rigid,
+        "reference": reference,
+        "sway": result.sway_mode,
+        "origin": result.origin,
+    }
     pairs = [("pose", name, name, pivot) for name in pose_estimators]
     pairs += [("pivot", name, pose, name) for name in pivot_estimators]
     held_out: dict[tuple[str, str], float] = {}

@@ -12,7 +12,7 @@ from evalkit.compensation import Compensation
 from evalkit.errors import FrameStatus
 from evalkit.geometry import Array, nearest_rotation, rotation_vector
 from evalkit.pose import pose_estimators
-from evalkit.render import head_columns
+from evalkit.render.markers import head_columns, position_columns
 
 WALK_MM = 300.0
 """A head that travels further than this is walking; pictures of its motion let the picture travel along."""
@@ -26,7 +26,7 @@ class View:
     ----------
     take : Capture
     result : Compensation
-    columns : list of int
+    columns : ndarray of int
         Markers shown.
     rigid : ndarray of bool
         Which of them are rigid.
@@ -38,13 +38,15 @@ class View:
         Frames with a head pose.
     path : ndarray, shape (F, 3), mm
         Displacement of the rigid markers' middle from the reference pose.
+    left_out : int
+        Positions that are not shown because they are not on the head.
     walking : bool
         Whether pictures of the observed markers have this displacement taken out.
     """
 
     take: Capture
     result: Compensation
-    columns: list[int]
+    columns: np.ndarray
     rigid: np.ndarray
     left: Array
     up: Array
@@ -52,6 +54,7 @@ class View:
     centre: Array
     ok: np.ndarray
     path: Array
+    left_out: int
     walking: bool
 
     @classmethod
@@ -64,7 +67,9 @@ class View:
         ok = result.frame_status == FrameStatus.OK
         walking = bool(np.ptp(path[ok], axis=0).max(initial=0.0) > WALK_MM)
         rigid = np.isin(columns, result.chosen.columns)
-        return cls(take, result, columns, rigid, np.cross(up, forward), up, forward, centre, ok, path, walking)
+        left_out = len(position_columns(take)) - len(columns)
+        left = np.cross(up, forward)
+        return cls(take, result, columns, rigid, left, up, forward, centre, ok, path, left_out, walking)
 
     @property
     def labels(self) -> list[str]:

@@ -85,19 +85,19 @@ def write_report(
     name = title or (Path(source).name if source is not None else "Head motion of a take")
     page = _template().render(
         title=name,
-        headline=words.headline(result),
+        headline=words.headline(result, view.left_out > 0),
         cards=_cards(view),
         status=result.status,
         meaning=words.PIVOT_MEANING.get(result.status, ""),
         message=result.estimate.message,
-        unusable=words.frame_counts(result),
+        lost=not view.ok.all(),
         warnings=result.warnings,
         parameters=_parameters(view),
         trajectories=plots.trajectories(view),
         trajectory_frames=min(take.frames, plots.TRAJECTORY_FRAMES),
         frames=take.frames,
         shown=len(view.columns),
-        left_out=sum(kind == "position" for kind in take.quantities) - len(view.columns),
+        left_out=view.left_out,
         head_mm=HEAD_MM,
         walking=view.walking,
         screen_axes=take.axes,
@@ -162,12 +162,12 @@ def _cards(view: View) -> list[tuple[str, str, str]]:
         (words.number(rms(np.linalg.norm(view.path[ok], axis=1))), "mm rms", "head displacement"),
         (words.number(rms(result.frame_residual)), "mm rms", "residual of the rigid markers"),
     ]
-    free = [c for c, rigid in zip(view.columns, view.rigid, strict=True) if not rigid]
-    if free:
+    free = view.columns[~view.rigid]
+    if len(free):
         before = rms(movement_rms(view.take.points[ok][:, free]))
         after = rms(movement_rms(result.capture.points[ok][:, free]))
         moved = f"{words.number(before)} → {words.number(after)}"
-        cards.insert(3, (moved, "mm rms", "movement of the face's markers, before → after"))
+        cards.insert(3, (moved, "mm rms", "movement of the other markers, before → after"))
     return cards
 
 
@@ -193,7 +193,7 @@ def _pivot_rows(result: Compensation) -> list[tuple[str, str]]:
         value = words.number(float(std))
         rows.append((f"standard deviation along ({direction})", value if np.isinf(std) else f"{value} mm"))
     turn = ", ".join(words.number(float(v)) for v in estimate.turn_deg)
-    rows.append(("turn about its three principal axes", f"{turn} deg rms"))
+    rows.append(("turn of the head about its three principal axes", f"{turn} deg rms"))
     return rows
 
 
@@ -213,7 +213,7 @@ def _movement(view: View) -> dict[str, Any]:
 
 def _rigid_rows(view: View) -> list[dict[str, Any]]:
     result, ok = view.result, np.flatnonzero(view.ok)
-    columns = result.chosen.columns
+    columns = np.array(result.chosen.columns)
     seen = view.take.visible[:, columns].mean(axis=0)
     before = movement_rms(view.take.points[np.ix_(ok, columns)])
     after = movement_rms(result.capture.points[np.ix_(ok, columns)])

@@ -31,7 +31,7 @@ MOST_BARS = 60
 SVG_POINTS = 8000
 """Pictures with more points than this are smaller as PNG."""
 
-STYLE = {
+STYLE: Any = {
     "font.size": 9, "axes.titlesize": 10, "axes.labelsize": 9, "legend.fontsize": 8.5, "xtick.labelsize": 8.5,
     "ytick.labelsize": 8.5, "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True,
     "grid.color": "#e4e4e4", "grid.linewidth": 0.6, "axes.axisbelow": True, "legend.frameon": False,
@@ -67,9 +67,9 @@ def trajectories(view: View) -> str:
     """Paths of the markers before and after, seen from three sides, on one scale."""
     some = view.frames(TRAJECTORY_FRAMES)
     sides = (
-        ("front", view.left, view.up, "to the left", "up", False),
-        ("side", view.forward, view.up, "forward", "up", False),
-        ("top", view.left, view.forward, "to the left", "forward", True),
+        ("from the front", view.left, view.up, "to the left", "up", False),
+        ("from the right", view.forward, view.up, "forward", "up", False),
+        ("from above", view.left, view.forward, "to the left", "forward", True),
     )
     clouds = [view.before(some) - view.centre, view.after(some) - view.centre]
     with matplotlib.rc_context(STYLE):
@@ -160,7 +160,7 @@ def marker_movement(labels: list[str], rigid: np.ndarray, before: Array, after: 
                 text.set_color(colours.RIGID)
                 text.set_fontweight("bold")
         ax.set_ylabel("movement about the mean (mm rms)")
-        if np.nanmax(before, initial=0.0) > 30.0 * np.nanmax(after, initial=0.0) > 0:
+        if np.nanmedian(before) > 30.0 * np.nanmedian(after) > 0:
             ax.set_yscale("log")
             ax.set_ylabel("movement about the mean\n(mm rms, logarithmic)")
         ax.grid(axis="x", visible=False)
@@ -195,6 +195,7 @@ def errors(times: Array, rotation_deg: Array, expression_mm: Array) -> str:
     """Errors against truth over time."""
     with matplotlib.rc_context(STYLE):
         made, axes = figure(3.4, nrows=2, sharex=True)
+        axes[0].set_xlim(0, max(times[-1], times[0] + 0.1))
         for ax, values, title in zip(
             axes, (rotation_deg, expression_mm), ("rotation error (deg)", "expression error\n(mm rms)"), strict=True
         ):

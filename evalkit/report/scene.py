@@ -11,7 +11,7 @@ import numpy as np
 from evalkit.compensation import Compensation
 from evalkit.geometry import Array
 from evalkit.render import colours
-from evalkit.render.pivot_scene import FAR_MM, Ellipsoid, pivot_distance, pivot_ellipsoid, pivot_is_far
+from evalkit.render.pivot_scene import ellipsoid_surface, pivot_as_drawn, pivot_ellipsoid, pivot_is_far
 from evalkit.report.measures import View
 
 PLAYED_FRAMES = 80
@@ -28,7 +28,7 @@ def scene(view: View) -> dict[str, Any]:
     Returns
     -------
     dict
-        Keys ``data``, ``layout``, ``frames``. Positions in mm relative to nothing: world axes of the reference
+        Keys ``data``, ``layout``, ``frames``. Positions in mm in world axes, those after in the reference
         pose. Labels are escaped, because plotly.js reads them as a kind of HTML.
     """
     result = view.result
@@ -48,7 +48,7 @@ def scene(view: View) -> dict[str, Any]:
     ]
     if not len(free):
         data[3]["showlegend"] = False
-    data += _pivot(result, view.centre)
+    data += _pivot(result)
     frames = [
         {
             "name": str(int(frame)),
@@ -82,12 +82,9 @@ def _markers(
     }  # fmt: skip
 
 
-def _pivot(result: Compensation, centre: Array) -> list[dict[str, Any]]:
+def _pivot(result: Compensation) -> list[dict[str, Any]]:
     """Pivot, its ellipsoid and the lines to the rigid markers."""
-    far = pivot_is_far(result)
-    towards = result.pivot
-    if far:
-        towards = centre + (result.pivot - centre) * (0.4 * FAR_MM / pivot_distance(result))
+    towards = pivot_as_drawn(result)
     lines = np.full((3 * len(result.template), 3), np.nan)
     lines[0::3], lines[1::3] = result.template, towards
     traces: list[dict[str, Any]] = [
@@ -96,10 +93,10 @@ def _pivot(result: Compensation, centre: Array) -> list[dict[str, Any]]:
             "line": {"color": colours.GREY, "width": 2}, "hoverinfo": "skip",
         }
     ]  # fmt: skip
-    if far:
+    if pivot_is_far(result):
         return traces
     traces.append(_markers(result.pivot[None], ["pivot"], "pivot", colours.BLACK, 5, "diamond"))
-    corners, faces = sphere_mesh(pivot_ellipsoid(result), result.pivot)
+    corners, faces = ellipsoid_surface(pivot_ellipsoid(result), result.pivot)
     traces.append(
         {
             "type": "mesh3d", "name": "pivot, 2 standard deviations", **_xyz(corners),
@@ -110,24 +107,11 @@ def _pivot(result: Compensation, centre: Array) -> list[dict[str, Any]]:
     return traces
 
 
-def sphere_mesh(shape: Ellipsoid, centre: Array, rings: int = 12, segments: int = 24) -> tuple[Array, np.ndarray]:
-    """Corners (V, 3), mm, and triangles (T, 3) of the ellipsoid, without VTK."""
-    polar, around = np.meshgrid(
-        np.linspace(0, np.pi, rings + 1), np.linspace(0, 2 * np.pi, segments, endpoint=False), indexing="ij"
-    )
-    ball = np.stack([np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)], axis=2)
-    corners = centre + (ball.reshape(-1, 3) * shape.half) @ shape.axes
-    ring, step = np.meshgrid(np.arange(rings), np.arange(segments), indexing="ij")
-    a, b = ring * segments + step, ring * segments + (step + 1) % segments
-    faces = np.concatenate([np.stack([a, b, a + segments], 2), np.stack([b, b + segments, a + segments], 2)])
-    return corners, faces.reshape(-1, 3)
-
-
 def _layout(view: View, played: np.ndarray, data: list[dict[str, Any]]) -> dict[str, Any]:
     shown = [np.array([trace[name] for name in "xyz"], dtype=np.float64).T for trace in data]
     points = np.concatenate(shown)
     low, high = np.nanmin(points, axis=0) - 10.0, np.nanmax(points, axis=0) + 10.0
-    eye = 1.5 * view.forward + 0.9 * view.left + 0.35 * view.up
+    eye = 1.15 * view.forward - 0.8 * view.left + 0.25 * view.up
     steps = [
         {
             "label": f"{frame / view.take.rate:.2f}", "method": "animate",
@@ -144,23 +128,27 @@ def _layout(view: View, played: np.ndarray, data: list[dict[str, Any]]) -> dict[
         "label": "■ stop", "method": "animate",
         "args": [[None], {"mode": "immediate", "frame": {"duration": 0, "redraw": False}}],
     }  # fmt: skip
+    clear = "rgba(0,0,0,0)"
     return {
-        "height": 620, "margin": {"l": 0, "r": 0, "t": 8, "b": 8}, "font": {"size": 13}, "uirevision": "keep",
-        "legend": {"x": 0, "y": 1, "bgcolor": "rgba(255,255,255,0.7)", "itemsizing": "constant"},
+        "height": 620, "margin": {"l": 0, "r": 0, "t": 8, "b": 8}, "paper_bgcolor": clear, "font": {"size": 13},
+        "modebar": {"bgcolor": clear, "color": "#999999", "activecolor": "#333333"},
+        "legend": {"x": 0.005, "y": 0.99, "bgcolor": clear, "itemsizing": "constant"},
         "scene": {
-            "aspectmode": "data", "dragmode": "orbit",
+            "domain": {"y": [0.12, 1]}, "aspectmode": "data", "dragmode": "orbit",
             "camera": {"eye": _vector(eye), "up": _vector(view.up), "projection": {"type": "orthographic"}},
             **{
                 f"{name}axis": {
                     "title": {"text": f"{name} (mm)"}, "range": [float(low[k]), float(high[k])],
-                    "backgroundcolor": "#fafafa", "gridcolor": "#dddddd", "nticks": 6,
+                    "backgroundcolor": "#fafafa", "gridcolor": "#dddddd", "nticks": 4, "tickfont": {"size": 11},
                 }
                 for k, name in enumerate("xyz")
             },
         },
+        # Eighty labels under the slider could not be read; the one above it says where it stands.
         "sliders": [{
-            "steps": steps, "active": 0, "x": 0.2, "len": 0.78, "y": 0, "pad": {"t": 6},
-            "currentvalue": {"prefix": "time ", "suffix": " s"}, "ticklen": 0, "font": {"color": "rgba(0,0,0,0)"},
+            "steps": steps, "active": 0, "x": 0.2, "len": 0.78, "y": 0, "pad": {"t": 6}, "ticklen": 0,
+            "minorticklen": 0, "font": {"color": clear},
+            "currentvalue": {"prefix": "time ", "suffix": " s", "font": {"color": "#1b1b1b"}},
         }],
         "updatemenus": [{
             "type": "buttons", "direction": "left", "showactive": False, "x": 0, "y": 0, "xanchor": "left",

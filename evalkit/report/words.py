@@ -22,12 +22,6 @@ PIVOT_MEANING = {
     "not-converged": "The search for the pivot stopped before it settled; try another pivot method.",
 }
 
-FRAME_MEANING = {
-    FrameStatus.TOO_FEW_MARKERS: "fewer than three rigid markers seen",
-    FrameStatus.COLLINEAR: "the rigid markers seen stand in one line",
-    FrameStatus.NOT_CONVERGED: "the pose search did not settle",
-}
-
 
 def number(value: Any, digits: int = 3) -> str:
     """A measure with as many digits as it can bear; infinite: not observable; NaN: a dash."""
@@ -47,21 +41,15 @@ def coordinate(value: float) -> str:
     return f"{value:,.1f}".replace("-", "−") if np.isfinite(value) else NO_NUMBER
 
 
-def headline(result: Compensation) -> str:
-    """What was done, in a sentence."""
+def headline(result: Compensation, body: bool) -> str:
+    """What was done, in a sentence; ``body``: the take shows more than a head."""
     ok = int((result.frame_status == FrameStatus.OK).sum())
     frames = result.capture.frames
     part = f"all {frames:,} frames" if ok == frames else f"{ok:,} of {frames:,} frames ({ok / frames:.0%})"
     return (
         f"The head's motion was estimated from {len(result.rigid)} rigid markers and taken out of {part}; "
-        "what remains is the motion of the face."
+        f"what remains is motion {'relative to the head' if body else 'of the face'}."
     )
-
-
-def frame_counts(result: Compensation) -> list[tuple[str, int]]:
-    """Unusable frames by reason, in words."""
-    counts = np.bincount(result.frame_status, minlength=len(FrameStatus))
-    return [(words, int(counts[code])) for code, words in FRAME_MEANING.items() if counts[code]]
 
 
 def sway_words(result: Compensation) -> str:
