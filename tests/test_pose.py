@@ -20,9 +20,7 @@ from evalkit.pose.reference import reference_shape
 LEAST_SQUARES = ("svd", "horn", "qcp")
 TRIANGLE = np.array([[0.0, 104.5, 90.5], [22.5, 76.5, 100.5], [-22.5, 76.5, 100.5]])
 # Forehead and nose bridge: enough markers to weigh, lose and displace some of them.
-SEVEN = np.vstack(
-    [TRIANGLE, [[15.0, 60.0, 107.0], [-15.0, 60.0, 107.0], [47.0, 60.5, 92.0], [0.0, 35.5, 108.5]]]
-)
+SEVEN = np.vstack([TRIANGLE, [[15.0, 60.0, 107.0], [-15.0, 60.0, 107.0], [47.0, 60.5, 92.0], [0.0, 35.5, 108.5]]])
 
 quick = settings(derandomize=True, deadline=None, max_examples=100, database=None)
 
@@ -85,9 +83,7 @@ def test_translation_invariants_is_eq_3_of_the_paper(noise):
     for i in range(len(points)):
         # A 3x3 solve with condition number about 3 in double precision.
         np.testing.assert_allclose(raw.rotations[i], slow.paper_matrix(TRIANGLE, points[i]), atol=1e-11)
-        np.testing.assert_allclose(
-            projected.rotations[i], slow.paper_rotation(TRIANGLE, points[i]), atol=1e-11
-        )
+        np.testing.assert_allclose(projected.rotations[i], slow.paper_rotation(TRIANGLE, points[i]), atol=1e-11)
     lost = np.abs(raw.rotations @ raw.rotations.transpose(0, 2, 1) - np.eye(3)).max()
     # Without noise the matrix is a rotation; at 0.3 mm on a 35 mm triangle it is off by about noise / edge.
     assert lost < 1e-11 if noise == 0 else lost > 1e-3
@@ -314,9 +310,7 @@ def test_bad_shapes_are_refused_in_one_line(name):
 @pytest.mark.parametrize("name", pose_estimators)
 def test_a_template_without_any_marker_gives_a_status(name):
     points, _, _ = moved(TRIANGLE, 3)
-    assert (
-        pose_estimators[name](np.full((3, 3), np.nan), points).status == FrameStatus.TOO_FEW_MARKERS
-    ).all()
+    assert (pose_estimators[name](np.full((3, 3), np.nan), points).status == FrameStatus.TOO_FEW_MARKERS).all()
 
 
 @pytest.mark.parametrize("name", ["translation-invariants", "translation-invariants-raw"])
@@ -352,9 +346,7 @@ def test_a_marker_that_is_partly_missing_is_missing_in_the_reference():
 
 # --- properties --------------------------------------------------------------------------------------------
 
-unit_vectors = hnp.arrays(float, 3, elements=st.floats(-1, 1, width=32)).filter(
-    lambda v: np.linalg.norm(v) > 0.1
-)
+unit_vectors = hnp.arrays(float, 3, elements=st.floats(-1, 1, width=32)).filter(lambda v: np.linalg.norm(v) > 0.1)
 angles = st.one_of(
     st.floats(0.0, np.pi),
     st.just(np.pi),
@@ -390,9 +382,7 @@ def test_the_result_is_a_rotation_or_a_status(template, axis, angle, seed, missi
         r = pose.rotations[pose.ok]
         if estimator.orthogonal:
             # What the contract says: orthogonal and of determinant one to 1e-9.
-            np.testing.assert_allclose(
-                r @ r.transpose(0, 2, 1), np.broadcast_to(np.eye(3), r.shape), atol=1e-9
-            )
+            np.testing.assert_allclose(r @ r.transpose(0, 2, 1), np.broadcast_to(np.eye(3), r.shape), atol=1e-9)
             np.testing.assert_allclose(np.linalg.det(r), 1.0, atol=1e-9)
 
 
@@ -416,9 +406,7 @@ def test_exact_recovery_of_any_angle(axis, angle):
     rotation = turned(axis, angle)
     points = (SEVEN @ rotation.T)[None] + 10.0
     for name in (*LEAST_SQUARES, "robust"):
-        np.testing.assert_allclose(
-            pose_estimators[name](SEVEN, points).rotations[0], rotation, atol=1e-9, err_msg=name
-        )
+        np.testing.assert_allclose(pose_estimators[name](SEVEN, points).rotations[0], rotation, atol=1e-9, err_msg=name)
     for name in ("translation-invariants", "translation-invariants-raw"):
         pose = pose_estimators[name](TRIANGLE, points[:, :3])
         np.testing.assert_allclose(pose.rotations[0], rotation, atol=1e-9, err_msg=name)
