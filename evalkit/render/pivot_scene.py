@@ -141,9 +141,11 @@ def pivot_scene_png(
     views = (View("front", forward, up), View("from the right", -left, up))
     half = 1.2 * max(0.5 * content.spans(view).max() for view in views) + 10.0
     with offscreen_plotter(width, height, shape=(1, 2), border=False) as plotter:
+        plotter.suppress_rendering = True  # every label would draw the whole picture anew
         for k, view in enumerate(views):
             plotter.subplot(0, k)
             _draw(plotter, content, view, half, height)
+        plotter.suppress_rendering = False
         image = plotter.screenshot(None, return_img=True)
     import matplotlib.image
 

@@ -101,8 +101,9 @@ def compare_methods(
         start = time.perf_counter()
         try:
             got = compensate(thin, pose=with_pose, pivot=with_pivot, **options)
-        except EvalkitError as error:
-            row |= {"status": "failed", "message": str(error), "seconds": time.perf_counter() - start}
+        except Exception as error:  # a mistake in one method, perhaps not ours, must not cost the others' rows
+            reason = str(error) if isinstance(error, EvalkitError) else f"{type(error).__name__}: {error}"
+            row |= {"status": "failed", "message": reason, "seconds": time.perf_counter() - start}
             continue
         row["seconds"] = time.perf_counter() - start
         row |= _measured(thin, got)

@@ -79,6 +79,10 @@ def write_report(
         raise EvalkitError(f"the take has shape {take.points.shape}, the result {result.capture.points.shape}")
     if truth is not None and truth.visible.shape != take.points.shape[:2]:
         raise EvalkitError(f"the truth is of {truth.visible.shape} frames and markers, not {take.points.shape[:2]}")
+    path = Path(path)
+    if not path.parent.is_dir():
+        raise EvalkitError(f"{path}: cannot write the report (no such folder)")
+    provenance = _provenance(take, source)
     if methods is None:
         methods = compare_methods(take, result, truth=truth, max_frames=COMPARED_FRAMES)
     view = View.of(take, result)
@@ -120,9 +124,9 @@ def write_report(
         trace=plots.search(result.estimate.trace) if len(result.estimate.trace) > 1 else None,
         evaluations=result.estimate.evaluations,
         outer=result.outer,
-        provenance=_provenance(take, source),
+        provenance=provenance,
     )
-    _write(Path(path), page)
+    _write(path, page)
 
 
 def _template() -> jinja2.Template:

@@ -14,6 +14,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from PIL import Image
 
 from evalkit.geometry import Array
 from evalkit.render import colours
@@ -31,6 +32,8 @@ MOST_BARS = 60
 SVG_POINTS = 8000
 """Pictures with more points than this are smaller as PNG."""
 
+PNG_DPI = 150
+
 STYLE: Any = {
     "font.size": 9, "axes.titlesize": 10, "axes.labelsize": 9, "legend.fontsize": 8.5, "xtick.labelsize": 8.5,
     "ytick.labelsize": 8.5, "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True,
@@ -42,19 +45,25 @@ STYLE: Any = {
 def figure(height: float, **grid: Any) -> tuple[Figure, Any]:
     """A figure of full width with its axes."""
     made = Figure(figsize=(WIDTH_IN, height), layout="constrained")
-    FigureCanvasAgg(made)
     return made, made.subplots(**grid)
 
 
 def data_uri(made: Figure, points: int) -> str:
-    """The figure as SVG if it is simple, else as PNG."""
-    kind = "svg" if points <= SVG_POINTS else "png"
+    """The figure as SVG if it is simple, else as PNG with a palette, a third of the size of one without."""
     file = io.BytesIO()
     with warnings.catch_warnings():
         # A label in a script that the font lacks is drawn as boxes; the tables have it right.
         warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
-        made.savefig(file, format=kind, dpi=150, metadata={"Date": None} if kind == "svg" else None)
-    mime = "image/svg+xml" if kind == "svg" else "image/png"
+        if points <= SVG_POINTS:
+            made.savefig(file, format="svg", metadata={"Date": None})
+            mime = "image/svg+xml"
+        else:
+            made.set_dpi(PNG_DPI)
+            canvas = FigureCanvasAgg(made)
+            canvas.draw()
+            picture = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
+            picture.quantize(128, dither=Image.Dither.NONE).save(file, "png")
+            mime = "image/png"
     return f"data:{mime};base64,{base64.b64encode(file.getvalue()).decode()}"
 
 
