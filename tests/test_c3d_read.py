@@ -281,7 +281,10 @@ def test_a_long_take_cut_to_what_its_header_can_say_is_refused(tmp_path):
     extra = [Entry(1, b"LONG_FRAMES", False, 4, (), struct.pack("<f", 70_000))]
     raw = build(points, extra=extra, pad=False)
     assert read_capture(save(tmp_path, raw)).frames == 70_000
-    refuse(tmp_path, raw[: -16 * (70_000 - 65_535)], "promises 70000 frames", "holds 65535")
+    cut = bytearray(raw[: -16 * (70_000 - 65_535)])
+    refuse(tmp_path, bytes(cut), "promises 70000 frames", "holds 65535")
+    cut[6:8] = bytes(2)
+    refuse(tmp_path, bytes(cut), "promises 70000 frames", "holds 65535")
 
 
 # --- files that lie ----------------------------------------------------------------------------------------

@@ -289,7 +289,7 @@ def _frames(
     if not stated:
         raise CaptureError(f"holds no frames (header: {first} to {last}); the file is empty or damaged")
 
-    saturated = {"header"} if last == SATURATED else set()
+    saturated = {"header", "header, counting from 1"} if last == SATURATED else set()
     saturated |= {name for name, count in stated.items() if name == "POINT:FRAMES" and count == SATURATED}
     certain = {name: count for name, count in stated.items() if name not in saturated} or stated
     surplus = max(BLOCK, layout.frame_bytes)
