@@ -275,7 +275,8 @@ def _labels(plotter: Any, points: Array, names: list[str], view: View, half: flo
         place = point + gap * (dx * view.right + dy * view.up) + 0.5 * half * view.side
         plotter.add_point_labels(
             place[None], [name], font_size=font, text_color="black", shape=None, show_points=False,
-            always_visible=True, justification_horizontal=horizontal, justification_vertical=vertical, name=f"{view.title} {k}",
+            always_visible=True, justification_horizontal=horizontal, justification_vertical=vertical,
+            name=f"{view.title} {k}",
         )  # fmt: skip
 
 

@@ -111,7 +111,7 @@ def _layout(view: View, played: np.ndarray, data: list[dict[str, Any]]) -> dict[
     shown = [np.array([trace[name] for name in "xyz"], dtype=np.float64).T for trace in data]
     points = np.concatenate(shown)
     low, high = np.nanmin(points, axis=0) - 10.0, np.nanmax(points, axis=0) + 10.0
-    eye = 1.15 * view.forward - 0.8 * view.left + 0.25 * view.up
+    eye = 0.9 * view.forward - 0.85 * view.left + 0.25 * view.up
     steps = [
         {
             "label": f"{frame / view.take.rate:.2f}", "method": "animate",
@@ -139,7 +139,7 @@ def _layout(view: View, played: np.ndarray, data: list[dict[str, Any]]) -> dict[
             **{
                 f"{name}axis": {
                     "title": {"text": f"{name} (mm)"}, "range": [float(low[k]), float(high[k])],
-                    "backgroundcolor": "#fafafa", "gridcolor": "#dddddd", "nticks": 4, "tickfont": {"size": 11},
+                    "backgroundcolor": "#fafafa", "gridcolor": "#dddddd", "nticks": 3, "tickfont": {"size": 11},
                 }
                 for k, name in enumerate("xyz")
             },
