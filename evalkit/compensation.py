@@ -17,7 +17,7 @@ from evalkit.errors import EvalkitError, FrameStatus
 from evalkit.geometry import Array, apply_motion, mean_rotation, rotation_angle, undo_motion
 from evalkit.pivot import Pivot, pivot_estimators
 from evalkit.pivot.model import judge
-from evalkit.pivot.sway import smooth_sway
+from evalkit.pivot.spline import smoothed
 from evalkit.pose import Pose, PoseEstimator, pose_estimators, reference_pose
 from evalkit.pose.reference import Reference
 
@@ -272,7 +272,7 @@ def _finish(
     if sway == "none":
         s = np.where(posed.ok[:, None], 0.0, np.nan)
     elif not isinstance(sway, str):
-        s = np.where(posed.ok[:, None], smooth_sway(s, posed.ok, take.rate, float(sway)), np.nan)
+        s = np.where(posed.ok[:, None], smoothed(s, posed.ok, take.rate, float(sway)), np.nan)
     t = o - _rotated(r, o) + s
     residual = points - apply_motion(r, t, template)
     square = np.einsum("fmi,fmi->fm", residual, residual)

@@ -1,12 +1,16 @@
 """Centre of rotation of the head: one file per family of estimators, one line each in the table below."""
 
 from evalkit.pivot.algebraic import score, svd
+from evalkit.pivot.joint import joint
 from evalkit.pivot.model import Pivot, PivotEstimator
 from evalkit.pivot.nlopt_search import entries
 from evalkit.pivot.six_directions import six_directions
 from evalkit.pivot.sphere import gamage_lasenby, sphere
 
 pivot_estimators: dict[str, PivotEstimator] = {
+    "joint": PivotEstimator(
+        joint, "maximum likelihood of shape, pivot, sway and rotations", "this package; Triggs et al. 2000", turns=True
+    ),
     "score": PivotEstimator(score, "symmetric least squares of the poses, bias corrected", "Ehrig et al. 2006"),
     "svd": PivotEstimator(svd, "least squares of (I - R) O = T", "Ehrig et al. 2006"),
     "sphere": PivotEstimator(sphere, "geometric sphere fit, least squares of the distances", "Halvorsen et al. 1999"),

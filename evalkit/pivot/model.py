@@ -50,6 +50,10 @@ class Pivot:
         Calls of the objective, for searches.
     trace : ndarray, shape (K, 6)
         Every iteration of a search, columns :data:`TRACE_COLUMNS`; empty for closed forms.
+    pose : Pose or None
+        The pose of every frame, where the estimator turns the head about the pivot rather than freely.
+    sway_spacing_s : float
+        Knot spacing of the pivot's path in that pose, s; infinite for a point.
     """
 
     position: Array
@@ -61,6 +65,8 @@ class Pivot:
     turn_deg: Array = field(default_factory=lambda: np.full(3, np.nan))
     evaluations: int = 0
     trace: Array = field(default_factory=lambda: np.empty((0, 6)))
+    pose: Pose | None = None
+    sway_spacing_s: float = np.inf
 
 
 @dataclass(frozen=True)
@@ -75,11 +81,14 @@ class PivotEstimator:
         reference (``"mean"``, ``"median"`` or a frame number) of objectives that have one.
     summary, source : str
         One line on the method, and the paper it comes from.
+    turns : bool
+        Whether it gives poses of its own, turned about the pivot, and models the sway.
     """
 
     function: Callable[..., Pivot]
     summary: str
     source: str
+    turns: bool = False
 
     def __call__(self, points: Array, pose: Pose, **options: Any) -> Pivot:
         """Estimate the pivot."""
@@ -199,17 +208,18 @@ def judge(
     evaluations: int = 0,
     trace: Array | None = None,
     motion: Motion | None = None,
+    anchor: Array | None = None,
 ) -> Pivot:
     """Attach the verdict on observability to an estimate.
 
     Along an axis that the motion does not show (:class:`Motion`), the variance is infinite and the position is
-    that of the markers' centroid: a convention, not an estimate.
+    that of the markers' centroid, or of ``anchor`` (3,): a convention, not an estimate.
     """
     motion = motion_spread(points, pose) if motion is None else motion
     hidden_axes = motion.hidden_in_world
     scale = np.degrees(np.sqrt(np.maximum(motion.turn.sum() / 2.0 - motion.turn, 0.0) / motion.frames))
     centroid = (motion.mean @ pose.template.mean(axis=0)) + pose.translations[pose.known].mean(axis=0)
-    position = position + (centroid - position) @ hidden_axes.T @ hidden_axes
+    position = position + ((centroid if anchor is None else anchor) - position) @ hidden_axes.T @ hidden_axes
     reach = float(np.linalg.norm(position - centroid))
     cov, axes, std = _with_infinite(covariance, hidden_axes)
     if len(hidden_axes):

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from evalkit.errors import FrameStatus
-from evalkit.geometry import det3
+from evalkit.geometry import Array, det3
 from evalkit.pose.horn import key_matrix, rotation_from_quaternion
 from evalkit.pose.model import Pose, moments
 
@@ -37,17 +37,33 @@ def qcp(template: ArrayLike, points: ArrayLike, weights: ArrayLike | None = None
     Theobald, Acta Cryst. A61 (2005), doi:10.1107/S0108767305015266.
     """
     sums = moments(template, points, weights)
-    ok = sums.status == FrameStatus.OK
+    square = np.where(sums.status == FrameStatus.OK, sums.square, 6.0)
+    return sums.pose(best_rotations(sums.cross, square))
+
+
+def best_rotations(cross: Array, square: Array) -> Array:
+    """Rotations that maximise ``trace(R' H)`` for cross-covariances ``H = sum w x P'``.
+
+    Parameters
+    ----------
+    cross : ndarray, shape (F, 3, 3)
+    square : ndarray, shape (F,)
+        ``sum w (|x|² + |P|²)``, twice an upper bound of the maximum.
+
+    Returns
+    -------
+    ndarray, shape (F, 3, 3)
+    """
     # Scaled so that the root lies near one: the polynomial of a millimetre-sized face would reach 1e16.
-    scale = np.where(ok, np.maximum(sums.square, 1e-300), 2.0) / 2.0
+    scale = np.maximum(square, 1e-300) / 2.0
     # Frames last: every step below is elementwise, and a component of all frames is then one run of memory.
-    h = np.ascontiguousarray(sums.cross.transpose(1, 2, 0)) / scale
+    h = np.ascontiguousarray(cross.transpose(1, 2, 0)) / scale
     n = key_matrix(h)
     c2 = -2.0 * np.einsum("ijf,ijf->f", h, h)
     c1 = -8.0 * det3(h)
     low, high = _minors(n)
     c0 = low[0] * high[5] - low[1] * high[4] + low[2] * high[3] + low[3] * high[2] - low[4] * high[1] + low[5] * high[0]
-    root = np.where(ok, 1.0, 3.0)
+    root = np.ones(len(cross))
     for _ in range(MAX_NEWTON):
         square = root * root
         slope = 4.0 * square * root + 2.0 * c2 * root + c1
@@ -56,8 +72,7 @@ def qcp(template: ArrayLike, points: ArrayLike, weights: ArrayLike | None = None
         if np.max(np.abs(step), initial=0.0) < 1e-15:
             break
     n[range(4), range(4)] -= root
-    q = _largest_adjugate_column(n)
-    return sums.pose(rotation_from_quaternion(q))
+    return rotation_from_quaternion(_largest_adjugate_column(n))
 
 
 def _minors(a: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
