@@ -15,14 +15,22 @@ from evalkit.capture.origin import local_origin
 from evalkit.capture.rigid import RigidMarkers, choose_rigid
 from evalkit.errors import EvalkitError, FrameStatus
 from evalkit.geometry import Array, apply_motion, mean_rotation, rotation_angle, undo_motion
-from evalkit.pivot import Pivot, pivot_estimators
+from evalkit.pivot import Pivot, PivotEstimator, pivot_estimators
 from evalkit.pivot.model import judge
 from evalkit.pivot.spline import smoothed
 from evalkit.pose import Pose, PoseEstimator, pose_estimators, reference_pose
 from evalkit.pose.reference import Reference
 
 DEFAULT_POSE = "svd"
-DEFAULT_PIVOT = "score"
+DEFAULT_PIVOT = "joint"
+
+PRIOR_STD_MM = 50.0
+"""Standard deviation per axis of what anatomy says of the pivot: necks differ by less, and forehead markers sit
+differently by centimetres; a guess, and a wide one."""
+
+HELD_OUT_FRAMES = 2000
+HELD_OUT_MARKERS = 8
+"""Frames and rigid markers on which the pivot-constrained and the free pose are compared."""
 
 BODY_MM = 500.0
 """A take that spreads further than this shows more than a head."""
@@ -67,6 +75,8 @@ class Compensation:
         What the pivot estimator gave, with its trace.
     pose_method, pivot_method, reference, sway_mode, origin
         How it was done; origin is the local origin that searches start from and are pulled towards.
+    sway_used : str or float
+        What the translation was taken to be in the end: ``none``, ``per-frame`` or a knot spacing in seconds.
     outer : list of dict
         Outer iterations of the paper's alternation; empty otherwise.
     """
@@ -90,6 +100,7 @@ class Compensation:
     pivot_method: str
     reference: Reference
     sway_mode: str | float
+    sway_used: str | float
     origin: Array
     outer: list[dict[str, Any]] = field(default_factory=list)
 
@@ -102,6 +113,7 @@ def compensate(
     sway: str | float = "auto",
     reference: Reference = "mean",
     origin: ArrayLike | None = None,
+    prior: bool = True,
     **pivot_options: Any,
 ) -> Compensation:
     """Estimate the head's motion from the rigid markers and undo it for every marker.
@@ -113,10 +125,11 @@ def compensate(
         Markers that move with the skull, at least three not in one line.
     pose, pivot : str
         Names in ``evalkit.pose_estimators`` and ``evalkit.pivot_estimators``.
-    sway : "auto", "none" or float
-        What the translation may be. ``"auto"`` keeps every frame's own (the pivot's displacement is free);
-        ``"none"`` holds the pivot still; a number smooths its displacement by a cubic B-spline with knots that
-        many seconds apart.
+    sway : "auto", "none", "per-frame" or float
+        What the pivot's own displacement may be. ``"none"``: the neck stands still. A number: a cubic B-spline
+        with knots that many seconds apart. ``"per-frame"``: anything, each frame's pose by itself. ``"auto"``:
+        with a pivot estimator that models the sway (``joint``), its own choice between still and splines, unless
+        rigid markers that were left out of the estimate move less with free poses; with others, ``"per-frame"``.
     reference : "mean", "median" or int
         The pose that everything is brought back to, and what the shape is taken from. ``"mean"`` and
         ``"median"``: shape from all frames, the head turned to its mean orientation about the pivot. A number:
@@ -124,6 +137,9 @@ def compensate(
     origin : array_like, shape (3,), mm, optional
         Local origin near the pivot, where searches start and what Eq. (5) pulls towards; from the rigid
         markers by :func:`evalkit.capture.origin.local_origin` if not given.
+    prior : bool
+        Tell the pivot estimator what anatomy says: the local origin, give or take :data:`PRIOR_STD_MM` in every
+        direction. Only ``joint`` uses it, and only takes that hardly show the pivot feel it.
     **pivot_options
         Handed to the pivot estimator.
 
@@ -150,8 +166,22 @@ def compensate(
     warnings = list(take.warnings)
     posed = _posed(estimator, points, reference, chosen, pose)
     start = local_origin(take, chosen.columns) if origin is None else _point(origin)
-    estimate = finder(points, posed, **{"initial": start, "origin": start, "reference": reference, **pivot_options})
-    return _finish(take, chosen, points, posed, estimate, sway, reference, start, pose, pivot, warnings, [])
+    known = (start, PRIOR_STD_MM**2 * np.eye(3)) if prior else None
+    options = {
+        "initial": start, "origin": start, "reference": reference, "rate": take.rate, "prior": known,
+        "sway": "auto" if sway == "per-frame" else sway, **pivot_options,
+    }  # fmt: skip
+    estimate = finder(points, posed, **options)
+    used: str | float = "per-frame" if sway == "auto" else sway
+    if estimate.pose is not None and sway != "per-frame":
+        used = "none" if np.isinf(estimate.sway_spacing_s) else estimate.sway_spacing_s
+        words = _free_is_better(points, posed, estimate, estimator, finder, take.rate, used) if sway == "auto" else ""
+        if words:
+            warnings.append(words)
+            used = "per-frame"
+        else:
+            posed = estimate.pose
+    return _finish(take, chosen, points, posed, estimate, (sway, used), reference, start, pose, pivot, warnings, [])
 
 
 def compensate_as_published(
@@ -240,7 +270,18 @@ def compensate_as_published(
         evaluations=sum(row["evaluations"] for row in outer), trace=first.trace,
     )  # fmt: skip
     return _finish(
-        take, chosen, points, posed, final, "auto", reference, start, pose, "six-directions", list(take.warnings), outer
+        take,
+        chosen,
+        points,
+        posed,
+        final,
+        ("auto", "per-frame"),
+        reference,
+        start,
+        pose,
+        "six-directions",
+        list(take.warnings),
+        outer,
     )
 
 
@@ -259,20 +300,70 @@ def _posed(estimator: PoseEstimator, points: Array, reference: Reference, chosen
     return posed
 
 
+def _free_is_better(
+    points: Array, free: Pose, estimate: Pivot, estimator: PoseEstimator, finder: PivotEstimator, rate: float,
+    used: str | float,
+) -> str:  # fmt: skip
+    """Why poses free in every frame are to be preferred to those turned about the pivot; empty if they are not.
+
+    With four rigid markers or more, by cross-validation: markers are left out one by one, and the pose that
+    keeps them stiller wins. With three nothing can be left out, and Mallows's criterion decides (Technometrics
+    15 (1973), doi:10.1080/00401706.1973.10489103): cost plus twice the variance for every parameter.
+    """
+    joint = estimate.pose
+    assert joint is not None
+    some = np.unique(np.linspace(0, len(points) - 1, min(len(points), HELD_OUT_FRAMES)).astype(int))
+    count = points.shape[1]
+    if count > 3 and estimator.markers is None:
+        x, thin_rate = points[some], rate * (len(some) - 1) / max(len(points) - 1, 1)
+        moved = np.zeros(2)
+        for k in np.unique(np.linspace(0, count - 1, min(count, HELD_OUT_MARKERS)).astype(int)):
+            others = np.delete(x, k, axis=1)
+            try:
+                posed = reference_pose(estimator, others)
+                turned = finder(others, posed, rate=thin_rate, sway=used).pose
+            except EvalkitError:
+                return ""
+            for way, by in enumerate((turned, posed)):
+                still = undo_motion(by.rotations, by.translations, x[:, [k]])[:, 0]
+                moved[way] += np.nansum((still - np.nanmean(still, axis=0)) ** 2)
+        turned_mm, free_mm = np.sqrt(moved / (np.isfinite(x[:, :, 0]).sum() * min(count, HELD_OUT_MARKERS) / count))
+        if free_mm < turned_mm:
+            return (
+                f"rigid markers left out of the estimate move {turned_mm:.3f} mm (rms) with the head turned about its "
+                f"pivot and {free_mm:.3f} mm with each frame's pose free: the free poses were used"
+            )
+        return ""
+    cost = [float(np.nansum(pose.residuals(points)[free.known] ** 2)) for pose in (joint, free)]
+    frames = int(free.ok.sum())
+    variance = cost[1] / max(3 * int(np.isfinite(points[free.known][:, :, 0]).sum()) - 6 * frames, 1)
+    splines = 1 if used == "none" else int((len(points) - 1) / rate / float(used)) + 3
+    rounding = 1e-18 * float(np.nansum(joint.template**2)) * frames
+    if cost[0] - cost[1] > max(2.0 * variance * (3 * frames - 3 * splines), rounding):
+        return (
+            f"the rigid markers fit {np.sqrt(cost[0] / frames):.2f} mm (rms per frame) with the head turned about its "
+            f"pivot and {np.sqrt(cost[1] / frames):.2f} mm with each frame's pose free, more than the freedom "
+            "explains: the free poses were used"
+        )
+    return ""
+
+
 def _finish(
-    take: Capture, chosen: RigidMarkers, points: Array, posed: Pose, estimate: Pivot, sway: str | float,
-    reference: Reference, origin: Array, pose: str, pivot: str, warnings: list[str], outer: list[dict[str, Any]],
+    take: Capture, chosen: RigidMarkers, points: Array, posed: Pose, estimate: Pivot,
+    sway: tuple[str | float, str | float], reference: Reference, origin: Array, pose: str, pivot: str,
+    warnings: list[str], outer: list[dict[str, Any]],
 ) -> Compensation:  # fmt: skip
     """Fix the reference pose, model the translation, undo the motion, and say what came of it."""
-    o = estimate.position
-    r, t, template = posed.rotations, posed.translations, posed.template
-    if isinstance(reference, str):
-        r, t, template = _turned_to_mean(posed, o, pose)
+    used = sway[1]
+    turned = posed is estimate.pose
+    # The published alternation keeps the pivot that its last pass found.
+    keep = used == "none" or bool(outer)
+    o, r, t, template = _in_reference(posed, estimate.position, reference, pose, turned, keep)
     s = t - o + _rotated(r, o)
-    if sway == "none":
-        s = np.where(posed.ok[:, None], 0.0, np.nan)
-    elif not isinstance(sway, str):
-        s = np.where(posed.ok[:, None], smoothed(s, posed.ok, take.rate, float(sway)), np.nan)
+    if used == "none":
+        s = np.where(posed.ok[:, None], np.zeros(3), np.nan)
+    elif not isinstance(used, str) and not turned:
+        s = np.where(posed.ok[:, None], smoothed(s, posed.ok, take.rate, float(used)), np.nan)
     t = o - _rotated(r, o) + s
     residual = points - apply_motion(r, t, template)
     square = np.einsum("fmi,fmi->fm", residual, residual)
@@ -282,11 +373,30 @@ def _finish(
         frame_residual = np.sqrt(square.sum(axis=1) / seen.sum(axis=1))
         marker_residual = np.sqrt(square.sum(axis=0) / seen.sum(axis=0))
     warnings = warnings + _warnings(take, chosen, posed, estimate, r, s, sway)
+    inverse = r.transpose(0, 2, 1) if turned else _inverse(r, pose)
     return Compensation(
-        _undone(take, _inverse(r, pose), t), r, t, o, estimate.covariance, s, list(chosen.labels), estimate.status,
+        _undone(take, inverse, t), r, t, o, estimate.covariance, s, list(chosen.labels), estimate.status,
         posed.status, frame_residual, marker_residual, warnings, template, chosen, estimate, pose, pivot,
-        reference, sway, origin, outer,
+        reference, *sway, origin, outer,
     )  # fmt: skip
+
+
+def _in_reference(
+    posed: Pose, pivot: Array, reference: Reference, pose: str, turned: bool, keep: bool
+) -> tuple[Array, Array, Array, Array]:
+    """Pivot, rotations, translations and template in the reference pose."""
+    if isinstance(reference, str):
+        return pivot, *_turned_to_mean(posed, pivot, "svd" if turned else pose)
+    if turned:
+        here, there = posed.rotations[reference], posed.translations[reference]
+        r = (posed.rotations.reshape(-1, 3) @ here.T).reshape(-1, 3, 3)
+        return pivot, r, posed.translations - _rotated(r, there), posed.template @ here.T + there
+    if not keep:
+        # Where the head carries its pivot in that frame: the estimate is its mean place in the world.
+        ok = posed.known
+        in_head = np.einsum("fij,fj->i", _inverse(posed.rotations[ok], pose), pivot - posed.translations[ok])
+        pivot = in_head / len(posed.rotations[ok])
+    return pivot, posed.rotations, posed.translations, posed.template
 
 
 def _rotated(rotations: Array, vector: Array) -> Array:
@@ -330,8 +440,9 @@ def _inverse(rotations: Array, pose: str) -> Array:
 
 
 def _warnings(
-    take: Capture, chosen: RigidMarkers, posed: Pose, estimate: Pivot, r: Array, s: Array, sway: str | float
-) -> list[str]:
+    take: Capture, chosen: RigidMarkers, posed: Pose, estimate: Pivot, r: Array, s: Array,
+    sway: tuple[str | float, str | float],
+) -> list[str]:  # fmt: skip
     found = []
     other = sorted({kind for kind in take.quantities if kind != "position"})
     if other:
@@ -355,10 +466,12 @@ def _warnings(
     drift = float(np.sqrt(np.mean((s[posed.known] ** 2).sum(axis=1))))
     turned = float(np.sqrt(np.mean(rotation_angle(r[posed.known]) ** 2)))
     arm = float(np.linalg.norm(estimate.position - posed.template.mean(axis=0)))
-    if sway == "auto" and drift > STILL * turned * arm:
+    modelled = not isinstance(sway[1], str)
+    if sway[0] == "auto" and (modelled or drift > STILL * turned * arm):
         found.append(
-            f"the pivot itself moves by {drift:.1f} mm (rms) while the head turns {np.degrees(turned):.1f} deg (rms): "
-            "the neck did not stand still, and one fixed pivot explains only part of the motion"
+            f"the pivot itself moves by {drift:.1f} mm (rms) while the head turns {np.degrees(turned):.1f} deg (rms)"
+            + (f", modelled by a spline with knots {sway[1]:.2g} s apart" if modelled else "")
+            + ": the neck did not stand still, and one fixed pivot does not explain the motion"
         )
     return found
 
@@ -383,8 +496,8 @@ def _lookup(table: dict[str, Any], name: str, what: str) -> Any:
 
 def _check_sway(sway: str | float) -> None:
     seconds = isinstance(sway, Real) and not isinstance(sway, bool) and np.isfinite(sway) and sway > 0
-    if not seconds and not (isinstance(sway, str) and sway in ("auto", "none")):
-        raise EvalkitError(f"sway '{sway}' is not known; use auto, none or a knot spacing in seconds")
+    if not seconds and not (isinstance(sway, str) and sway in ("auto", "none", "per-frame")):
+        raise EvalkitError(f"sway '{sway}' is not known; use auto, none, per-frame or a knot spacing in seconds")
 
 
 def _point(value: ArrayLike) -> Array:

@@ -187,6 +187,7 @@ def summary(
             "pivot": result.pivot_method,
             "reference": result.reference,
             "sway": result.sway_mode,
+            "sway_used": result.sway_used,
             "local_origin_mm": result.origin.tolist(),
         },
         "pivot": {

@@ -103,9 +103,6 @@ def test_pivot_path_and_shape_do_not_depend_on_mean_or_median(talking):
     assert expression_error_mm(a.capture.points, b.capture.points).max() < 0.1
 
 
-@pytest.mark.xfail(
-    reason="with a frame as reference, O is the pivot's mean place in the world, not its place in that frame"
-)
 def test_pivot_path_of_a_swaying_neck_does_not_depend_on_the_reference_frame():
     """Two references differ by one rigid motion of the head frame; where the pivot went is a fact of the world."""
     take, truth = evalkit.synthesize("sway", seed=2, noise=0.0)

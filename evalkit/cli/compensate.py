@@ -29,12 +29,13 @@ def compensate(
         str, typer.Option(metavar="A,B,C|auto", help="Markers that move with the skull, or auto.")
     ] = "auto",
     pose: Annotated[str, typer.Option(metavar="NAME", help="Pose estimator; see: evalkit methods.")] = "svd",
-    pivot: Annotated[str, typer.Option(metavar="NAME", help="Pivot estimator; see: evalkit methods.")] = "score",
+    pivot: Annotated[str, typer.Option(metavar="NAME", help="Pivot estimator; see: evalkit methods.")] = "joint",
     sway: Annotated[
         str,
         typer.Option(
-            metavar="auto|none|SECONDS",
-            help="Motion of the pivot itself: as measured, held still, or smooth with knots SECONDS apart.",
+            metavar="auto|none|per-frame|SECONDS",
+            help="Motion of the pivot itself: chosen from the data, held still, anything, or smooth with knots SECONDS "
+            "apart.",
         ),
     ] = "auto",
     reference: Annotated[
@@ -89,13 +90,13 @@ def compensate(
 
 
 def parse_sway(text: str) -> str | float:
-    """``auto``, ``none`` or a number of seconds."""
-    if text in ("auto", "none"):
+    """``auto``, ``none``, ``per-frame`` or a number of seconds."""
+    if text in ("auto", "none", "per-frame"):
         return text
     try:
         return float(text)
     except ValueError:
-        raise EvalkitError(f"--sway {text}: use auto, none or a knot spacing in seconds") from None
+        raise EvalkitError(f"--sway {text}: use auto, none, per-frame or a knot spacing in seconds") from None
 
 
 def parse_reference(text: str) -> str | int:
@@ -155,7 +156,7 @@ def describe(content: dict[str, Any], output: Path, report: bool) -> str:
     return "\n".join(lines)
 
 
-class working:  # noqa: N801 - reads as a verb at the place of use
+class working:
     """A spinner with a text while something takes seconds; silent where nobody watches."""
 
     def __init__(self, text: str) -> None:

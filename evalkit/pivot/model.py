@@ -157,11 +157,10 @@ def motion_spread(points: Array, pose: Pose) -> Motion:
     rotations = pose.rotations[pose.known]
     if len(rotations) < 2:
         raise EvalkitError("fewer than two frames have a head pose; a pivot needs the head to turn")
+    if not np.allclose(rotations[0].T @ rotations[0], np.eye(3), atol=1e-9):
+        rotations = nearest_rotation(rotations)  # stretch is no turn
     mean = rotations.mean(axis=0)
     raw = len(rotations) * (np.eye(3) - mean.T @ mean)  # R'R = I spares the sum over frames
-    if not np.allclose(rotations[0].T @ rotations[0], np.eye(3), atol=1e-9):
-        centred = rotations - mean
-        raw = np.einsum("fji,fjk->ik", centred, centred)
     noise = rotation_noise(points, pose)
     floor = len(rotations) * (np.trace(noise) * np.eye(3) - noise)
     turn, axes = np.linalg.eigh(raw - floor)

@@ -81,6 +81,7 @@ def compare_methods(
         "reference": reference,
         "sway": result.sway_mode,
         "origin": result.origin,
+        "prior": False,
     }
     pairs = [("pose", name, name, pivot) for name in pose_estimators]
     pairs += [("pivot", name, pose, name) for name in pivot_estimators]
@@ -100,7 +101,9 @@ def compare_methods(
             continue
         start = time.perf_counter()
         try:
-            got = compensate(thin, pose=with_pose, pivot=with_pivot, **options)
+            # Poses are compared free; turned about a pivot they would all be the pivot estimator's own.
+            sway = {"sway": "per-frame"} if kind == "pose" else {}
+            got = compensate(thin, pose=with_pose, pivot=with_pivot, **options | sway)
         except Exception as error:  # a mistake in one method, perhaps not ours, must not cost the others' rows
             reason = str(error) if isinstance(error, EvalkitError) else f"{type(error).__name__}: {error}"
             row |= {"status": "failed", "message": reason, "seconds": time.perf_counter() - start}
@@ -108,9 +111,9 @@ def compare_methods(
         row["seconds"] = time.perf_counter() - start
         row |= _measured(thin, got)
         # With every frame's own translation the pivot cancels out of the undoing.
-        key = (with_pose, "" if result.sway_mode == "auto" else with_pivot)
+        key = (with_pose, "" if got.sway_used == "per-frame" else with_pivot)
         if key not in held_out:
-            held_out[key] = held_out_rms(thin, with_pose, with_pivot, **options)
+            held_out[key] = held_out_rms(thin, with_pose, with_pivot, **options | {"sway": got.sway_used})
         row["held_out_mm"] = held_out[key]
         if truth is not None:
             row |= _errors(got, truth, some)
@@ -139,7 +142,7 @@ def held_out_rms(take: Capture, pose: str, pivot: str, *, rigid: list[str], sway
     for k, column in enumerate(columns):
         others = rigid[:k] + rigid[k + 1 :]
         try:
-            if sway == "auto":
+            if sway == "per-frame":
                 points = take.points[:, columns[:k] + columns[k + 1 :]]
                 posed = reference_pose(pose_estimators[pose], points, options["reference"], labels=others)
                 still = undo_motion(posed.rotations, posed.translations, take.points[:, [column]])[:, 0]

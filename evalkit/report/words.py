@@ -54,11 +54,11 @@ def headline(result: Compensation, body: bool) -> str:
 
 def sway_words(result: Compensation) -> str:
     """What the translation was allowed to be, and what follows for the role of the pivot."""
-    if result.sway_mode == "auto":
+    if result.sway_used == "per-frame":
         return (
-            "every frame keeps its own translation, so the compensated markers do not depend on the pivot; "
+            "every frame keeps its own translation, so the pivot does not enter the compensation; "
             "the pivot only splits the motion into turning and sway"
         )
-    if result.sway_mode == "none":
-        return "the pivot is held still, so an error of the pivot is left in the compensated markers"
-    return f"the pivot's displacement is smoothed by a cubic B-spline with a knot every {result.sway_mode:g} s"
+    if result.sway_used == "none":
+        return "the pivot is held still; the head turns about it"
+    return f"the pivot's displacement is a cubic B-spline with a knot every {result.sway_used:.2g} s"

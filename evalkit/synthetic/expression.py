@@ -172,9 +172,7 @@ def pattern_events(
     interval = pattern.interval / liveliness
     onset = random.random() * min(0.5 * length, interval)
     while onset < length:
-        attack, hold, release = (
-            random.uniform(*phase) for phase in (pattern.attack, pattern.hold, pattern.release)
-        )
+        attack, hold, release = (random.uniform(*phase) for phase in (pattern.attack, pattern.hold, pattern.release))
         frames = _event(curve, times, onset, (attack, hold, release))
         curve[frames] *= random.uniform(0.6, 1.0)
         busy = attack + hold + release

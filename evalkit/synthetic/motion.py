@@ -76,9 +76,7 @@ def _postures(
     return np.where(before, targets[0], angles)
 
 
-def _bursts(
-    times: NDArray[np.float64], reach: float, speed: float, random: np.random.Generator
-) -> NDArray[np.float64]:
+def _bursts(times: NDArray[np.float64], reach: float, speed: float, random: np.random.Generator) -> NDArray[np.float64]:
     """Short bursts of nodding (or shaking), deg, shape (F,)."""
     angles = np.zeros(len(times))
     length = float(times[-1])
@@ -89,16 +87,12 @@ def _bursts(
         size = min(random.uniform(0.06, 0.18) * reach, 0.5 * speed / (2 * np.pi * frequency))
         first, last = np.searchsorted(times, (onset, onset + duration))
         since = times[first:last] - onset
-        angles[first:last] += (
-            size * np.sin(2 * np.pi * frequency * since) * np.sin(np.pi * since / duration) ** 2
-        )
+        angles[first:last] += size * np.sin(2 * np.pi * frequency * since) * np.sin(np.pi * since / duration) ** 2
         onset += duration + 0.5 + random.exponential(3.5)
     return angles
 
 
-def head_angles(
-    times: NDArray[np.float64], range_deg: Sequence[float], speed: float, seed: int
-) -> NDArray[np.float64]:
+def head_angles(times: NDArray[np.float64], range_deg: Sequence[float], speed: float, seed: int) -> NDArray[np.float64]:
     """Nod, turn and tilt over time.
 
     Parameters

@@ -132,8 +132,7 @@ class Parameters:
     def as_dict(self) -> dict[str, Any]:
         """The parameters as JSON types."""
         return {
-            name: list(value) if isinstance(value, tuple) else value
-            for name, value in dataclasses.asdict(self).items()
+            name: list(value) if isinstance(value, tuple) else value for name, value in dataclasses.asdict(self).items()
         }
 
 

@@ -21,9 +21,7 @@ from evalkit.synthetic.performer import STANDING_AT, make_performer
 from evalkit.synthetic.truth import Truth
 
 
-def synthesize(
-    preset: str | Parameters = "talking", seed: int = 0, **overrides: Any
-) -> tuple[Capture, Truth]:
+def synthesize(preset: str | Parameters = "talking", seed: int = 0, **overrides: Any) -> tuple[Capture, Truth]:
     """A synthetic capture with its truth.
 
     Every part of the take (each axis of the motion, sway, each expression, noise, gaps) draws from a stream

@@ -127,16 +127,10 @@ class Truth:
             If the file cannot be written.
         """
         values = {name: getattr(self, name) for name in ARRAYS}
-        rest = {
-            field.name: getattr(self, field.name)
-            for field in dataclasses.fields(self)
-            if field.name not in ARRAYS
-        }
+        rest = {field.name: getattr(self, field.name) for field in dataclasses.fields(self) if field.name not in ARRAYS}
         try:
             with Path(path).open("wb") as file:
-                np.savez_compressed(
-                    file, facts=json.dumps({"format": FORMAT, **rest}, sort_keys=True), **values
-                )
+                np.savez_compressed(file, facts=json.dumps({"format": FORMAT, **rest}, sort_keys=True), **values)
         except OSError as error:
             raise EvalkitError(f"{path}: cannot write the truth ({error.strerror})") from error
 
@@ -158,9 +152,7 @@ class Truth:
                 if missing:
                     raise EvalkitError(f"{path}: not a truth file; it lacks {', '.join(missing)}")
                 parts = {
-                    name: np.lib.format.read_array(
-                        io.BytesIO(archive.read(f"{name}.npy")), allow_pickle=False
-                    )
+                    name: np.lib.format.read_array(io.BytesIO(archive.read(f"{name}.npy")), allow_pickle=False)
                     for name in ("facts", *ARRAYS)
                 }
             facts = json.loads(str(parts.pop("facts")))
@@ -192,9 +184,7 @@ class Truth:
             if not isinstance(facts.get(name), kind):
                 raise EvalkitError(f"{path}: the truth has no valid '{name}'")
         if facts["format"] != FORMAT:
-            raise EvalkitError(
-                f"{path}: truth of format {facts['format']}; this version reads format {FORMAT}"
-            )
+            raise EvalkitError(f"{path}: truth of format {facts['format']}; this version reads format {FORMAT}")
         sizes = {"F": len(arrays["visible"]) if arrays["visible"].ndim else 0, "M": len(facts["labels"])}
         for name, axes in ARRAYS.items():
             shape = tuple(sizes.get(axis, 3) for axis in axes)
@@ -211,10 +201,7 @@ class Truth:
         rotations, pivot = arrays["rotations"], arrays["pivot"]
         if np.abs(rotations @ rotations.transpose(0, 2, 1) - np.eye(3)).max(initial=0) > 1e-9:
             raise EvalkitError(f"{path}: rotations are not orthogonal")
-        if (
-            np.abs(arrays["translations"] - (pivot - rotations @ pivot + arrays["sway"])).max(initial=0)
-            > 1e-6
-        ):
+        if np.abs(arrays["translations"] - (pivot - rotations @ pivot + arrays["sway"])).max(initial=0) > 1e-6:
             raise EvalkitError(f"{path}: translations are not (I - R) O + s")
         return cls(
             **arrays,
