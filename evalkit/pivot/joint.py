@@ -37,6 +37,9 @@ ALWAYS_S = 1.5
 FINEST_S = 0.25
 """Closest knots tried, s: a torso has no faster motion of its own, and noise has."""
 
+FREE_MM2 = 1e9
+"""Variance that stands for no knowledge at all, mm²."""
+
 INFLATED = 1.5
 """Ratio of the scatter between stretches of time to that of white noise above which it is believed; white noise
 passes it once in a few hundred takes."""
@@ -143,9 +146,13 @@ def joint(
     """
     motion = motion_spread(points, pose)
     hidden = motion.hidden_in_world
-    position = score(points, pose).position
+    start = score(points, pose)
+    position = start.position
     if prior is not None:
-        position = position + (np.asarray(prior[0], dtype=np.float64) - position) @ hidden.T @ hidden
+        # A walking performer's algebraic pivot may lie metres away; what it is worth, its covariance knows.
+        mean, wide = (np.asarray(part, dtype=np.float64) for part in prior)
+        spread = np.where(np.isfinite(start.covariance), start.covariance, 0.0) + FREE_MM2 * hidden.T @ hidden
+        position = position + spread @ np.linalg.solve(spread + wide, mean - position)
     used = np.flatnonzero(pose.ok)
     x = points[used] if len(used) < len(points) else points
     given = pose.weights if weights is None else np.asarray(weights, dtype=np.float64)
@@ -153,13 +160,13 @@ def joint(
     w = _seen_weights(x, given)
     # About the start and in units of the lever arm, so that the normal matrix is near one whatever the laboratory.
     origin = position
-    unit = max(float(np.linalg.norm(pose.template - origin, axis=1).mean()), 1e-9)
+    arms = pose.template - _head_pivot(pose, origin)
+    unit = max(float(np.linalg.norm(arms, axis=1).mean()), 1e-9)
     problem = _Problem(
         (np.where(np.isfinite(x), x, origin) - origin) / unit, w, origin, unit, _functional(reference, used), hidden
     )
     rotations = pose.rotations[used]
-    shape = (pose.template - _head_pivot(pose, origin)) / unit
-    still = Fit(rotations, shape, np.zeros((1, 3)), constant(len(used)), np.inf, 0, 0, 0, False, None)  # type: ignore[arg-type]
+    still = Fit(rotations, arms / unit, np.zeros((1, 3)), constant(len(used)), np.inf, 0, 0, 0, False, None)  # type: ignore[arg-type]
     fit = _choose(problem, still, used, len(points), rate, sway)
     if robust:
         fit = _robust(problem, fit)
@@ -224,8 +231,8 @@ def _choose(problem: _Problem, start: Fit, used: np.ndarray, frames: int, rate: 
     # Residuals at the rounding of the arithmetic leave nothing for a sway to explain.
     while still.cost > 1e-24 * still.observations and seconds / spans >= max(FINEST_S, 2.0 / rate):
         finer = cubic(frames, rate, seconds / spans)
-        # From the free poses or from the coarser fit: one that held a swaying pivot too still may be far off.
-        starts = [_on(fit, thin, finer, used[some]) for fit in (begin, last)]
+        # From the free poses or from the coarser spline; a fit that held a swaying pivot still may be far off.
+        starts = [_on(fit, thin, finer, used[some]) for fit in ((begin, last) if splines else (begin,))]
         costs = [_projected(thin, fit.shape, fit.basis.evaluate(fit.coefficients))[2] for fit in starts]
         last = _fit(thin, starts[int(np.argmin(costs))], max_iterations=12, tolerance=1e-3)
         splines.append((last, finer))
