@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from numbers import Real
 from typing import Any
 
@@ -179,6 +179,9 @@ def compensate(
         if words:
             warnings.append(words)
             used = "per-frame"
+            if estimate.status == "not-converged":
+                text = "no pivot, still or swaying, explains the motion of this take"
+                estimate = replace(estimate, status="poorly-observable", message=text)
         else:
             posed = estimate.pose
     return _finish(take, chosen, points, posed, estimate, (sway, used), reference, start, pose, pivot, warnings, [])

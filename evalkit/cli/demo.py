@@ -26,8 +26,7 @@ def demo(
     from evalkit.bundled import bundled_take
     from evalkit.capture import read_capture
     from evalkit.cli.compensate import describe, errors_against, read_truth, working
-    from evalkit.report import write_report
-    from evalkit.report.compare import compare_methods
+    from evalkit.report import compare_methods, write_pictures, write_report
     from evalkit.results import check_output, staged, write_results
 
     check_output(output)
@@ -41,10 +40,13 @@ def demo(
         with working("comparing methods and writing the report"):
             rows = compare_methods(take, result, truth=truth)
             write_report(take, result, stage / "report.html", methods=rows, truth=truth, source=path)
+            missing = write_pictures(take, result, stage)
     typer.echo(describe(content, output, True))
     typer.echo("")
     typer.echo(methods_table(rows))
-    typer.echo(f"\nopen {output / 'report.html'} in a browser")
+    for line in missing:
+        typer.echo(line)
+    typer.echo(f"\npictures: {output / 'markers.png'}, {output / 'pivot.png'}; open {output / 'report.html'} in a browser")
 
 
 def methods_table(rows: list[dict[str, Any]]) -> str:

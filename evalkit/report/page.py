@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import jinja2
+import matplotlib
 import numpy as np
 from markupsafe import Markup
 
@@ -127,6 +128,32 @@ def write_report(
         provenance=provenance,
     )
     _write(path, page)
+
+
+def write_pictures(take: Capture, result: Compensation, folder: str | Path) -> list[str]:
+    """The report's main pictures as files of their own: markers.png (paths before and after) and pivot.png.
+
+    Parameters
+    ----------
+    take : Capture
+    result : Compensation
+        Of this take.
+    folder : path
+        Where to write.
+
+    Returns
+    -------
+    list of str
+        What could not be drawn, and what to do about it.
+    """
+    view = View.of(take, result)
+    with matplotlib.rc_context(plots.STYLE):
+        plots.trajectory_figure(view).savefig(Path(folder) / "markers.png", dpi=plots.PNG_DPI)
+    try:
+        pivot_scene_png(result, Path(folder) / "pivot.png", take=take)
+    except EvalkitError as error:
+        return [f"pivot.png was not drawn: {error}"]
+    return []
 
 
 def _template() -> jinja2.Template:

@@ -73,6 +73,11 @@ def plain(text: str) -> str:
 
 
 def trajectories(view: View) -> str:
+    """Paths of the markers before and after, as a data URI."""
+    return data_uri(trajectory_figure(view), 6 * len(view.frames(TRAJECTORY_FRAMES)) * len(view.columns))
+
+
+def trajectory_figure(view: View) -> Figure:
     """Paths of the markers before and after, seen from three sides, on one scale."""
     some = view.frames(TRAJECTORY_FRAMES)
     sides = (
@@ -108,7 +113,7 @@ def trajectories(view: View) -> str:
             Line2D([], [], color=colours.RIGID, label="rigid markers"),
         ]
         made.legend(handles=handles, loc="outside upper right", ncols=2)
-        return data_uri(made, 2 * 3 * len(some) * len(view.columns))
+    return made
 
 
 def motion(view: View) -> str:
