@@ -327,6 +327,7 @@ def _free_is_better(
                 turned = finder(others, posed, rate=thin_rate, sway=used).pose
             except EvalkitError:
                 return ""
+            assert turned is not None
             for way, by in enumerate((turned, posed)):
                 still = undo_motion(by.rotations, by.translations, x[:, [k]])[:, 0]
                 moved[way] += np.nansum((still - np.nanmean(still, axis=0)) ** 2)

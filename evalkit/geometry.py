@@ -30,7 +30,7 @@ def nearest_rotation(matrices: ArrayLike) -> Array:
     Higham, "Computing the polar decomposition", SIAM J. Sci. Stat. Comput. 7 (1986), doi:10.1137/0907079.
     """
     array = np.asarray(matrices, dtype=np.float64)
-    known = np.isfinite(array).all(axis=(-2, -1))
+    known = np.asarray(np.isfinite(array).all(axis=(-2, -1)))
     left, _, right = np.linalg.svd(np.where(known[..., None, None], array, np.eye(3)))
     left[..., :, 2] *= np.sign(np.linalg.det(left @ right))[..., None]
     return np.where(known[..., None, None], left @ right, np.nan)

@@ -103,7 +103,10 @@ def test_fixed_decimals_agree_with_formatting():
         written = _joined([_decimal(values, digits)]).decode().splitlines()
         # Half a unit of the last digit, and a unit of the 53 bits that scaling by ten to the digits may cost.
         np.testing.assert_allclose(np.array(written, float), values, rtol=3e-16, atol=0.5000001 * 10.0**-digits)
-    assert _joined([_decimal(np.array([1e30, 1.0]), 2)]).decode().split() == ["1000000000000000019884624838656.00", "1.00"]
+    assert _joined([_decimal(np.array([1e30, 1.0]), 2)]).decode().split() == [
+        "1000000000000000019884624838656.00",
+        "1.00",
+    ]
 
 
 def bad_inputs(tmp_path, take_path):
@@ -190,7 +193,9 @@ def test_the_input_is_never_overwritten(tmp_path, take_path):
 
 
 def test_paper_method(tmp_path, take_path):
-    ran = run("compensate", bundled_take("talking")[0], "-o", tmp_path / "p", "--paper", "--rigid", RIGID, "--no-report")
+    ran = run(
+        "compensate", bundled_take("talking")[0], "-o", tmp_path / "p", "--paper", "--rigid", RIGID, "--no-report"
+    )
     assert ran.returncode == 0, ran.stderr
     content = json.loads((tmp_path / "p" / "summary.json").read_text())
     assert content["method"]["pivot"] == "six-directions" and content["method"]["reference"] == 0
@@ -222,7 +227,7 @@ def test_synth_writes_take_and_truth(tmp_path):
     ran = run("synth", "clean", "-o", tmp_path, "--seed", 3, "--set", "frames=120", "--set", "noise=0.2")
     assert ran.returncode == 0, ran.stderr
     assert sorted(p.name for p in tmp_path.iterdir()) == ["clean.c3d", "clean.json", "clean.truth.npz"]
-    take, truth = evalkit.synthesize("clean", seed=3, frames=120, noise=0.2)
+    take, _truth = evalkit.synthesize("clean", seed=3, frames=120, noise=0.2)
     np.testing.assert_allclose(evalkit.read_capture(tmp_path / "clean.c3d").points, take.points, atol=1e-3)
     ran = run("synth", "claen", "-o", tmp_path)
     assert ran.returncode == 1 and "clean" in ran.stderr and ran.stderr.count("\n") == 1

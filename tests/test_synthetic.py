@@ -86,9 +86,7 @@ def test_single_axis_turns_about_exactly_one_axis():
     _, truth = synthesize("single-axis", seed=4)
     x = np.array([1.0, 0.0, 0.0])
     np.testing.assert_allclose(truth.rotations @ x, np.tile(x, (600, 1)), rtol=0, atol=1e-15)
-    np.testing.assert_allclose(
-        np.swapaxes(truth.rotations, 1, 2) @ x, np.tile(x, (600, 1)), rtol=0, atol=1e-15
-    )
+    np.testing.assert_allclose(np.swapaxes(truth.rotations, 1, 2) @ x, np.tile(x, (600, 1)), rtol=0, atol=1e-15)
 
 
 def test_layout_is_that_of_an_adult_face():
@@ -200,9 +198,7 @@ def test_every_action_moves_the_markers_it_should():
             vertical = truth.expression[:, m, 1]
             assert sign * vertical[np.abs(vertical).argmax()] > 1.5, action
     _, pucker = synthesize("clean", seed=9, actions=("pucker",))
-    width = (
-        pucker.clean[:, pucker.labels.index("MouthL"), 0] - pucker.clean[:, pucker.labels.index("MouthR"), 0]
-    )
+    width = pucker.clean[:, pucker.labels.index("MouthL"), 0] - pucker.clean[:, pucker.labels.index("MouthR"), 0]
     assert width.min() < width.max() - 4
 
 
@@ -407,9 +403,7 @@ def test_bad_truth_files_are_one_line(tmp_path):
         damaged = bytearray(whole)
         for _ in range(random.integers(1, 4)):
             damaged[random.integers(len(damaged))] = random.integers(256)
-        path.write_bytes(
-            bytes(damaged[: random.integers(1, len(damaged))] if random.random() < 0.3 else damaged)
-        )
+        path.write_bytes(bytes(damaged[: random.integers(1, len(damaged))] if random.random() < 0.3 else damaged))
         try:
             Truth.load(path)
         except EvalkitError as error:
@@ -446,9 +440,7 @@ def test_written_take_reads_back_and_matches_its_manifest(tmp_path):
     np.testing.assert_allclose(read.points, take.points, atol=1e-4)
     assert np.array_equal(Truth.load(files.truth).expression, truth.expression)
     # The manifest alone is enough to make the files again, bit by bit.
-    again = write_synthetic(
-        manifest["preset"], tmp_path / "again", seed=manifest["seed"], **manifest["parameters"]
-    )
+    again = write_synthetic(manifest["preset"], tmp_path / "again", seed=manifest["seed"], **manifest["parameters"])
     assert json.loads(again.manifest.read_text())["sha256"] == manifest["sha256"]
 
 

@@ -46,7 +46,9 @@ def demo(
     typer.echo(methods_table(rows))
     for line in missing:
         typer.echo(line)
-    typer.echo(f"\npictures: {output / 'markers.png'}, {output / 'pivot.png'}; open {output / 'report.html'} in a browser")
+    typer.echo(
+        f"\npictures: {output / 'markers.png'}, {output / 'pivot.png'}; open {output / 'report.html'} in a browser"
+    )
 
 
 def methods_table(rows: list[dict[str, Any]]) -> str:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from evalkit.geometry import Array, cross_matrix
-from evalkit.pivot.information import information
+from evalkit.pivot.information import RANK, information
 from evalkit.pivot.spline import Basis, constant
 
 
@@ -30,13 +30,31 @@ def pivot_bound(shape: ArrayLike, rotations: ArrayLike, sigma_mm: float) -> Arra
     rotations : array_like, shape (F, 3, 3)
     sigma_mm : float
         Standard deviation of the noise per axis.
+
+    Returns
+    -------
+    ndarray, shape (3, 3), mm²
+        Infinite along axes that the rotations do not show.
     """
     x, r = np.asarray(shape, dtype=np.float64), np.asarray(rotations, dtype=np.float64)
     mean = x.mean(axis=0)
     lever = cross_matrix(mean)
     k = np.linalg.inv(np.eye(3) / len(x) - lever @ np.linalg.inv(inertia(x - mean)) @ lever)
     about = r - r.mean(axis=0)
-    return sigma_mm**2 * np.linalg.inv((about @ k @ about.transpose(0, 2, 1)).sum(axis=0))
+    values, vectors = np.linalg.eigh((about @ k @ about.transpose(0, 2, 1)).sum(axis=0))
+    seen = values > RANK * len(r) * np.linalg.norm(k, 2)
+    cov = sigma_mm**2 * (vectors[:, seen] / values[seen]) @ vectors[:, seen].T
+    return _infinite_along(cov, vectors[:, ~seen].T)
+
+
+def _infinite_along(cov: Array, axes: Array) -> Array:
+    """A covariance (3, 3) with infinite variance along unit vectors (N, 3)."""
+    if len(axes) == 3:
+        return np.diag(np.full(3, np.inf))
+    for axis in axes:
+        outer = np.outer(axis, axis)
+        cov = np.where(np.abs(outer) > 1e-12, np.copysign(np.inf, outer), cov)
+    return cov
 
 
 def full_pivot_bound(
@@ -60,6 +78,11 @@ def full_pivot_bound(
     frame : int, optional
         Bound the pivot's position in this frame instead of its mean position over the take.
 
+    Returns
+    -------
+    ndarray, shape (3, 3), mm²
+        Infinite along axes that the motion does not show.
+
     Notes
     -----
     Positions of the path are in the world and do not depend on the choice of the head's axes, so neither does
@@ -76,7 +99,7 @@ def full_pivot_bound(
     functional = matrix.path_weights(frame)
     path, _ = matrix.solve(functional, np.zeros((3 * len(x), 3)))
     cov = functional.T @ path / heavy
-    return 0.5 * (cov + cov.T)
+    return _infinite_along(0.5 * (cov + cov.T), matrix.unseen(functional))
 
 
 def rotation_bound(shape: ArrayLike, sigma_mm: float, pivot_known: bool = False, noisy_template: bool = False) -> Array:
@@ -94,7 +117,8 @@ def rotation_bound(shape: ArrayLike, sigma_mm: float, pivot_known: bool = False,
     """
     x = np.asarray(shape, dtype=np.float64)
     about = inertia(x if pivot_known else x - x.mean(axis=0))
-    return (2.0 if noisy_template else 1.0) * sigma_mm**2 * np.linalg.inv(about)
+    doubled = 2.0 if noisy_template else 1.0
+    return np.asarray(doubled * sigma_mm**2 * np.linalg.inv(about))
 
 
 def target_bound(shape: ArrayLike, target: ArrayLike, sigma_mm: float) -> Array:

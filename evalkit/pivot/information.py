@@ -19,6 +19,9 @@ from evalkit.pivot.spline import Basis, roughness
 
 CHUNK = 2048
 
+RANK = 1e-13
+"""Part of the largest information below which a direction counts as unseen."""
+
 
 @dataclass(frozen=True, eq=False)
 class Information:
@@ -42,15 +45,28 @@ class Information:
     basis: Basis
 
     def solve(self, path: Array, markers: Array) -> tuple[Array, Array]:
-        """Solution for right sides (3 K, N) and (3 M, N)."""
+        """Solution for right sides (3 K, N) and (3 M, N), the least one where the frames do not determine it."""
+        by_path, by_border, schur = self._eliminated(path)
+        p = np.linalg.lstsq(schur, markers - self.border.T @ by_path, rcond=RANK)[0]
+        return by_path - by_border @ p, p
+
+    def unseen(self, functional: Array) -> Array:
+        """Unit vectors as rows along which a functional (3 K, 3) of the path is free, shape (N, 3)."""
+        _, by_border, schur = self._eliminated(functional)
+        values, vectors = np.linalg.eigh(schur)
+        free = vectors[:, values <= RANK * values[-1]]
+        moves = free.T @ by_border.T @ functional
+        _, lengths, axes = np.linalg.svd(moves, full_matrices=False)
+        return axes[lengths > 1e-6]
+
+    def _eliminated(self, path: Array) -> tuple[Array, Array, Array]:
+        """``D^-1`` times right sides and border, and the markers' own matrix once the path is eliminated."""
         from scipy.linalg import cho_solve_banded, cholesky_banded
 
         factor = (cholesky_banded(self.band, lower=True, check_finite=False), True)
         both = cho_solve_banded(factor, np.hstack([path, self.border]), check_finite=False)
         by_path, by_border = both[:, : path.shape[1]], both[:, path.shape[1] :]
-        schur = self.corner - self.border.T @ by_border
-        p = np.linalg.lstsq(schur, markers - self.border.T @ by_path, rcond=1e-13)[0]
-        return by_path - by_border @ p, p
+        return by_path, by_border, self.corner - self.border.T @ by_border
 
     def path_weights(self, frame: int | None = None) -> Array:
         """The functional that takes the coefficients to the pivot: mean over the frames, or one frame; (3 K, 3)."""
@@ -60,7 +76,7 @@ class Information:
         else:
             per = np.zeros(basis.size)
             per[basis.first[frame] + np.arange(basis.values.shape[1])] = basis.values[frame]
-        return np.kron(per[:, None], np.eye(3))
+        return np.asarray(np.kron(per[:, None], np.eye(3)), dtype=np.float64)
 
 
 def information(shape: ArrayLike, rotations: Array, weights: Array, basis: Basis) -> Information:

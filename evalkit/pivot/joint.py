@@ -226,7 +226,8 @@ def _choose(problem: _Problem, start: Fit, used: np.ndarray, frames: int, rate: 
     thin, begin = problem.part(some), replace(start, rotations=start.rotations[some])
     begin = replace(begin, basis=constant(len(some)))
     still = last = _fit(thin, begin, max_iterations=10)
-    seconds, splines = (frames - 1) / rate, []
+    splines: list[tuple[Fit, Basis]] = []
+    seconds = (frames - 1) / rate
     spans = max(COARSEST, int(np.ceil(seconds / SLOWEST_S)))
     # Residuals at the rounding of the arithmetic leave nothing for a sway to explain.
     while still.cost > 1e-24 * still.observations and seconds / spans >= max(FINEST_S, 2.0 / rate):

@@ -162,5 +162,5 @@ def _length_influence(points: Array, centre: Array) -> tuple[Array, np.ndarray]:
     residual, slope = length_residuals(points, centre)
     normal = np.einsum("fmi,fmj->ij", slope, slope, optimize=True)
     scores = np.einsum("fmi,fm->fi", slope, residual)
-    ok = np.isfinite(points[:, :, 0]).any(axis=1)
+    ok = np.asarray(np.isfinite(points[:, :, 0]).any(axis=1))
     return scores[ok] @ np.linalg.pinv(normal, rcond=1e-14), ok

@@ -129,7 +129,7 @@ def whole_markers(points: ArrayLike) -> Array:
     """Positions (F, M, 3); a marker with any coordinate that is not finite is missing: all three NaN."""
     x = np.asarray(points, dtype=np.float64)
     missing = np.isnan(x)
-    partly = ~np.isfinite(x).all(axis=-1) & ~missing.all(axis=-1)
+    partly = np.asarray(~np.isfinite(x).all(axis=-1) & ~missing.all(axis=-1))
     return np.where(partly[..., None], np.nan, x) if partly.any() else x
 
 
@@ -155,7 +155,7 @@ def moments(template: ArrayLike, points: ArrayLike, weights: ArrayLike | None = 
         raise EvalkitError(f"weights have shape {given.shape}; expected ({count},) or ({len(observed)}, {count})")
     if not (np.isfinite(given).all() and (given >= 0).all()):
         raise EvalkitError("a weight is negative or not finite; weights are inverse variances")
-    known = np.isfinite(shape).all(axis=1)
+    known = np.asarray(np.isfinite(shape).all(axis=1))
     with np.errstate(invalid="ignore"):  # two infinities of opposite sign
         visible = np.isfinite(observed[:, :, 0] + observed[:, :, 1] + observed[:, :, 2]) & known
     solid = np.nan_to_num(shape, nan=0.0, posinf=0.0, neginf=0.0)

@@ -62,7 +62,7 @@ def reference_shape(
     """
     check_reference(reference, len(points))
     names = list(labels) if labels is not None else [f"marker {k}" for k in range(points.shape[1])]
-    visible = np.isfinite(points).all(axis=2)
+    visible = np.asarray(np.isfinite(points).all(axis=2))
     never = [names[k] for k in np.flatnonzero(~visible.any(axis=0))]
     if never:
         raise EvalkitError(f"marker {', '.join(never)} is missing in every frame; choose other rigid markers")
@@ -91,7 +91,7 @@ def reference_shape(
         raise EvalkitError(
             f"marker {', '.join(lost)} is never seen together with three other rigid markers; leave it out"
         )
-    at = qcp(template, points[anchor : anchor + 1], weights if np.ndim(weights) < 2 else None)
+    at = qcp(template, points[anchor : anchor + 1], weights if weights is None or np.ndim(weights) < 2 else None)
     return template @ at.rotations[0].T + at.translations[0]
 
 
