@@ -48,12 +48,14 @@ def pivot_bound(shape: ArrayLike, rotations: ArrayLike, sigma_mm: float) -> Arra
 
 
 def _infinite_along(cov: Array, axes: Array) -> Array:
-    """A covariance (3, 3) with infinite variance along unit vectors (N, 3)."""
+    """A covariance (3, 3), made symmetric to the last digit, with infinite variance along unit vectors (N, 3)."""
+    cov = 0.5 * (cov + cov.T)
     if len(axes) == 3:
         return np.diag(np.full(3, np.inf))
     for axis in axes:
         outer = np.outer(axis, axis)
-        cov = np.where(np.abs(outer) > 1e-12, np.copysign(np.inf, outer), cov)
+        # An axis is known to the square root of what counts as no information.
+        cov = np.where(np.abs(outer) > np.sqrt(RANK), np.copysign(np.inf, outer), cov)
     return cov
 
 
@@ -99,7 +101,7 @@ def full_pivot_bound(
     functional = matrix.path_weights(frame)
     path, _ = matrix.solve(functional, np.zeros((3 * len(x), 3)))
     cov = functional.T @ path / heavy
-    return _infinite_along(0.5 * (cov + cov.T), matrix.unseen(functional))
+    return _infinite_along(cov, matrix.unseen(functional))
 
 
 def rotation_bound(shape: ArrayLike, sigma_mm: float, pivot_known: bool = False, noisy_template: bool = False) -> Array:
