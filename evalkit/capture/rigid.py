@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import combinations
 
 import numpy as np
@@ -36,6 +36,14 @@ class RigidMarkers:
         The choice in words.
     pair_mean, pair_std : ndarray, shape (R, R), mm
         Mean and standard deviation over frames of the distance between each two of them: the evidence.
+    weights : ndarray, shape (R,)
+        Relative inverse variances, the largest 1; all 1 unless skin motion was estimated.
+    skin_std : ndarray, shape (R,), mm
+        Standard deviation per axis of each marker's motion over the skull, NaN where it was not estimated.
+    share : ndarray, shape (R,)
+        Part of the information about rotation that each marker has, NaN where it was not estimated.
+    warnings : list of str
+        What a user should know before trusting the choice, in words.
     """
 
     labels: list[str]
@@ -44,6 +52,15 @@ class RigidMarkers:
     reason: str
     pair_mean: NDArray[np.float64]
     pair_std: NDArray[np.float64]
+    weights: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
+    skin_std: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
+    share: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
+    warnings: list[str] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        for name, unknown in (("weights", 1.0), ("skin_std", np.nan), ("share", np.nan)):
+            if not len(getattr(self, name)):
+                object.__setattr__(self, name, np.full(len(self.columns), unknown))
 
 
 def choose_rigid(take: Capture, rigid: str | Sequence[str] = "auto", size: int | None = None) -> RigidMarkers:
@@ -104,7 +121,7 @@ def distance_variation(points: NDArray[np.float64]) -> tuple[NDArray[np.float64]
     mean, std : ndarray, shape (M, M), mm
         NaN where two markers are never seen together (std: in fewer than two frames).
     """
-    some = np.linspace(0, len(points) - 1, min(len(points), MAX_FRAMES)).astype(int) if len(points) else []
+    some = np.linspace(0, max(len(points) - 1, 0), min(len(points), MAX_FRAMES)).astype(int)
     x = points[some]
     count_markers = x.shape[1]
     mean, std = np.full((2, count_markers, count_markers), np.nan)
