@@ -12,6 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
+BLOCK = 2048
+"""Frames that are worked on at a time where a whole take would not fit the processor's cache."""
+
 
 def nearest_rotation(matrices: ArrayLike) -> Array:
     """Rotation nearest to each matrix in the Frobenius norm (orthogonal polar factor with determinant +1).
@@ -143,5 +146,11 @@ def apply_motion(rotations: ArrayLike, translations: ArrayLike, points: ArrayLik
 
 def undo_motion(rotations: ArrayLike, translations: ArrayLike, points: ArrayLike) -> Array:
     """Reference-pose positions ``P = R' (x - T)`` of world points (F, M, 3)."""
-    t = np.asarray(translations, dtype=np.float64)
-    return (np.asarray(points, dtype=np.float64) - t[:, None, :]) @ np.asarray(rotations, dtype=np.float64)
+    r, t = np.asarray(rotations, dtype=np.float64), np.asarray(translations, dtype=np.float64)
+    x = np.asarray(points, dtype=np.float64)
+    out = np.empty(x.shape)
+    # Blocks that fit the cache: a take of a million frames does not, and twice the time goes by.
+    for start in range(0, len(x), BLOCK):
+        block = slice(start, start + BLOCK)
+        np.matmul(x[block] - t[block, None, :], r[block], out=out[block])
+    return out

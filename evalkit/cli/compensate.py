@@ -5,55 +5,68 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-import typer
+import click
 
 from evalkit.errors import EvalkitError
 
-HELP = """Take the head's motion out of a capture.
 
-Writes into DIR: compensated.c3d (the expression alone, everything else of the file kept), motion.csv (head motion
-per frame), summary.json (pivot with its uncertainty, status, warnings) and report.html (pictures of all of it).
-
-Example:
-
-    evalkit compensate take.c3d -o out --rigid ForeHead_M,ForeHead_L,ForeHead_R,NoseTop
-"""
-
-
+@click.command()
+@click.argument("capture", type=click.Path(path_type=Path), metavar="CAPTURE")
+@click.option(
+    "-o", "--output", type=click.Path(path_type=Path), required=True, metavar="DIR", help="Folder for the results."
+)
+@click.option(
+    "--rigid",
+    default="auto",
+    show_default=True,
+    metavar="A,B,C|auto",
+    help="Markers that move with the skull, or auto.",
+)
+@click.option("--pose", default="svd", show_default=True, metavar="NAME", help="Pose estimator; see: evalkit methods.")
+@click.option(
+    "--pivot", default="joint", show_default=True, metavar="NAME", help="Pivot estimator; see: evalkit methods."
+)
+@click.option(
+    "--sway",
+    default="auto",
+    show_default=True,
+    metavar="auto|none|per-frame|SECONDS",
+    help="Motion of the pivot itself: chosen from the data, held still, anything, or smooth with knots SECONDS apart.",
+)
+@click.option(
+    "--reference",
+    default="mean",
+    show_default=True,
+    metavar="mean|median|FRAME",
+    help="Pose to bring everything back to; frames count from 0.",
+)
+@click.option(
+    "--paper", is_flag=True, help="The method of Huang et al. 2000 as published, against frame 0; three rigid markers."
+)
+@click.option(
+    "--truth",
+    type=click.Path(path_type=Path),
+    metavar="TRUTH.npz",
+    help="Truth of a synthetic take: adds the errors.",
+)
+@click.option("--report/--no-report", default=True, show_default=True, help="Write report.html.")
+@click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON instead of text.")
 def compensate(
-    capture: Annotated[Path, typer.Argument(metavar="CAPTURE", help="A .c3d, .trc or .csv file.", show_default=False)],
-    output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for the results.")],
-    rigid: Annotated[
-        str, typer.Option(metavar="A,B,C|auto", help="Markers that move with the skull, or auto.")
-    ] = "auto",
-    pose: Annotated[str, typer.Option(metavar="NAME", help="Pose estimator; see: evalkit methods.")] = "svd",
-    pivot: Annotated[str, typer.Option(metavar="NAME", help="Pivot estimator; see: evalkit methods.")] = "joint",
-    sway: Annotated[
-        str,
-        typer.Option(
-            metavar="auto|none|per-frame|SECONDS",
-            help="Motion of the pivot itself: chosen from the data, held still, anything, or smooth with knots SECONDS "
-            "apart.",
-        ),
-    ] = "auto",
-    reference: Annotated[
-        str, typer.Option(metavar="mean|median|FRAME", help="Pose to bring everything back to; frames count from 0.")
-    ] = "mean",
-    paper: Annotated[
-        bool,
-        typer.Option(
-            "--paper", help="The method of Huang et al. 2000 as published, against frame 0; three rigid markers."
-        ),
-    ] = False,
-    truth: Annotated[
-        Path | None, typer.Option(metavar="TRUTH.npz", help="Truth of a synthetic take: adds the errors.")
-    ] = None,
-    report: Annotated[bool, typer.Option("--report/--no-report", help="Write report.html.")] = True,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON instead of text.")] = False,
-) -> None:
-    """Take the head's motion out of a capture; see HELP."""
+    capture: Path, output: Path, rigid: str, pose: str, pivot: str, sway: str, reference: str, paper: bool,
+    truth: Path | None, report: bool, as_json: bool,
+) -> None:  # fmt: skip
+    """Take the head's motion out of CAPTURE, a .c3d, .trc or .csv file.
+
+    Writes into DIR: compensated.c3d (the expression alone, everything else of the file kept), motion.csv (head
+    motion per frame), summary.json (pivot with its uncertainty, status, warnings) and report.html (pictures of
+    all of it).
+
+    \b
+    Example:
+        evalkit compensate take.c3d -o out --rigid ForeHead_M,ForeHead_L,ForeHead_R,NoseTop
+    """
     from evalkit import compensation
     from evalkit.capture import read_capture
     from evalkit.results import check_output, staged, write_results
@@ -84,9 +97,9 @@ def compensate(
             with working("comparing methods and writing the report"):
                 write_report(take, result, stage / "report.html", truth=known, source=capture)
     if as_json:
-        typer.echo(json.dumps(content, indent=2))
+        click.echo(json.dumps(content, indent=2))
     else:
-        typer.echo(describe(content, output, report))
+        click.echo(describe(content, output, report))
 
 
 def parse_sway(text: str) -> str | float:
@@ -173,6 +186,3 @@ class working:
     def __exit__(self, *details: Any) -> None:
         if self.status is not None:
             self.status.__exit__(*details)
-
-
-compensate.__doc__ = HELP

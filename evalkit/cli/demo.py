@@ -4,22 +4,28 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-import typer
+import click
 
 BUNDLED = "talking"
 
 
-def demo(
-    output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for the results.")] = Path(
-        "demo"
-    ),
-) -> None:
+@click.command()
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path),
+    default=Path("demo"),
+    show_default=True,
+    metavar="DIR",
+    help="Folder for the results.",
+)
+def demo(output: Path) -> None:
     """Compensate the bundled synthetic take, compare all methods on it, write the report and pictures.
 
+    \b
     Example:
-
         evalkit demo -o demo
     """
     from evalkit import compensation
@@ -31,7 +37,7 @@ def demo(
 
     check_output(output)
     path, truth_path = bundled_take(BUNDLED)
-    typer.echo(f"reading the bundled take {path.name}: 23 markers of a talking face whose truth is known")
+    click.echo(f"reading the bundled take {path.name}: 23 markers of a talking face whose truth is known")
     take = read_capture(path)
     truth = read_truth(truth_path, take)
     result = compensation.compensate(take, truth.rigid)
@@ -41,12 +47,12 @@ def demo(
             rows = compare_methods(take, result, truth=truth)
             write_report(take, result, stage / "report.html", methods=rows, truth=truth, source=path)
             missing = write_pictures(take, result, stage)
-    typer.echo(describe(content, output, True))
-    typer.echo("")
-    typer.echo(methods_table(rows))
+    click.echo(describe(content, output, True))
+    click.echo("")
+    click.echo(methods_table(rows))
     for line in missing:
-        typer.echo(line)
-    typer.echo(
+        click.echo(line)
+    click.echo(
         f"\npictures: {output / 'markers.png'}, {output / 'pivot.png'}; open {output / 'report.html'} in a browser"
     )
 

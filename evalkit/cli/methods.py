@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import json
-from typing import Annotated
 
-import typer
+import click
 
 
-def methods(
-    as_json: Annotated[bool, typer.Option("--json", help="Print as JSON.")] = False,
-) -> None:
+@click.command()
+@click.option("--json", "as_json", is_flag=True, help="Print as JSON.")
+def methods(as_json: bool) -> None:
     """List every estimator with a line each.
 
+    \b
     Example:
-
         evalkit methods --json
     """
     from evalkit.pivot import pivot_estimators
@@ -26,11 +25,11 @@ def methods(
         for name, entry in table.items()
     ]
     if as_json:
-        typer.echo(json.dumps(rows, indent=2))
+        click.echo(json.dumps(rows, indent=2))
         return
     wide = {key: max(len(row[key]) for row in rows) for key in ("name", "summary")}
     for kind in ("pose", "pivot"):
-        typer.echo(f"{kind} estimators (--{kind} NAME)")
+        click.echo(f"{kind} estimators (--{kind} NAME)")
         for row in rows:
             if row["kind"] == kind:
-                typer.echo(f"  {row['name']:<{wide['name']}}  {row['summary']:<{wide['summary']}}  {row['source']}")
+                click.echo(f"  {row['name']:<{wide['name']}}  {row['summary']:<{wide['summary']}}  {row['source']}")

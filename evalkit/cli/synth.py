@@ -3,24 +3,21 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
-import typer
+import click
 
 
-def synth(
-    preset: Annotated[str | None, typer.Argument(metavar="PRESET", help="Name of a preset; see --list.")] = None,
-    output: Annotated[Path | None, typer.Option("-o", "--output", metavar="DIR", help="Folder to write into.")] = None,
-    seed: Annotated[int, typer.Option(help="The same seed gives the same take.")] = 0,
-    settings: Annotated[
-        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change a parameter; may be repeated.")
-    ] = None,
-    show: Annotated[bool, typer.Option("--list", help="List presets and parameters.")] = False,
-) -> None:
+@click.command()
+@click.argument("preset", required=False, metavar="PRESET")
+@click.option("-o", "--output", type=click.Path(path_type=Path), metavar="DIR", help="Folder to write into.")
+@click.option("--seed", default=0, show_default=True, help="The same seed gives the same take.")
+@click.option("--set", "settings", multiple=True, metavar="KEY=VALUE", help="Change a parameter; may be repeated.")
+@click.option("--list", "show", is_flag=True, help="List presets and parameters.")
+def synth(preset: str | None, output: Path | None, seed: int, settings: tuple[str, ...], show: bool) -> None:
     """Make a synthetic capture: PRESET.c3d, PRESET.truth.npz and PRESET.json with parameters and checksums.
 
+    \b
     Example:
-
         evalkit synth talking -o takes --seed 3 --set noise=0.5 --set sway=20
     """
     from evalkit.synthetic import PRESETS, Parameters, parse_overrides, write_synthetic
@@ -28,15 +25,15 @@ def synth(
     if show:
         import dataclasses
 
-        typer.echo("presets")
+        click.echo("presets")
         for name, entry in PRESETS.items():
-            typer.echo(f"  {name:<14}{entry.text}")
-        typer.echo("parameters (--set KEY=VALUE) and their defaults")
+            click.echo(f"  {name:<14}{entry.text}")
+        click.echo("parameters (--set KEY=VALUE) and their defaults")
         for field in dataclasses.fields(Parameters):
-            typer.echo(f"  {field.name:<14}{getattr(Parameters(), field.name)}")
+            click.echo(f"  {field.name:<14}{getattr(Parameters(), field.name)}")
         return
     if preset is None or output is None:
-        raise typer.BadParameter("give a PRESET and -o DIR, or --list")
-    files = write_synthetic(preset, output, seed=seed, **parse_overrides(settings or []))
+        raise click.UsageError("give a PRESET and -o DIR, or --list")
+    files = write_synthetic(preset, output, seed=seed, **parse_overrides(settings))
     for path in files:
-        typer.echo(f"wrote {path}")
+        click.echo(f"wrote {path}")
