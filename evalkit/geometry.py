@@ -89,7 +89,22 @@ def quaternion_from_rotation(rotations: ArrayLike) -> Array:
     m = r[known]
     if not len(m):
         return out
-    # Every row of q q' is the quaternion times one of its components.
+    w = 1.0 + m[:, 0, 0] + m[:, 1, 1] + m[:, 2, 2]
+    near = w > 1.0  # turns below 120 degrees: dividing by the scalar part is safe
+    q = np.empty((len(m), 4))
+    q[:, 0], q[:, 1] = w, m[:, 2, 1] - m[:, 1, 2]
+    q[:, 2], q[:, 3] = m[:, 0, 2] - m[:, 2, 0], m[:, 1, 0] - m[:, 0, 1]
+    if not near.all():
+        q[~near] = _largest_component(m[~near])
+    q /= np.sqrt(np.einsum("fi,fi->f", q, q))[:, None]
+    flips = np.where(np.einsum("fi,fi->f", q[1:], q[:-1]) < 0, -1.0, 1.0)
+    q[1:] *= np.cumprod(flips)[:, None]
+    out[known] = q if q[0, 0] >= 0 else -q
+    return out
+
+
+def _largest_component(m: Array) -> Array:
+    """Quaternions, not normalised: the row of q q' with the largest diagonal is q times its largest component."""
     outer = np.empty((len(m), 4, 4))
     xx, yy, zz = m[:, 0, 0], m[:, 1, 1], m[:, 2, 2]
     outer[:, 0, 0], outer[:, 1, 1] = 1 + xx + yy + zz, 1 + xx - yy - zz
@@ -99,13 +114,7 @@ def quaternion_from_rotation(rotations: ArrayLike) -> Array:
         (1, 2, m[:, 0, 1] + m[:, 1, 0]), (1, 3, m[:, 0, 2] + m[:, 2, 0]), (2, 3, m[:, 1, 2] + m[:, 2, 1]),
     ):  # fmt: skip
         outer[:, i, j] = outer[:, j, i] = value
-    best = np.argmax(np.einsum("fii->fi", outer), axis=1)
-    q = outer[np.arange(len(m)), best]
-    q /= np.linalg.norm(q, axis=1, keepdims=True)
-    flips = np.where(np.einsum("fi,fi->f", q[1:], q[:-1]) < 0, -1.0, 1.0)
-    q[1:] *= np.cumprod(flips)[:, None]
-    out[known] = q if q[0, 0] >= 0 else -q
-    return out
+    return outer[np.arange(len(m)), np.argmax(np.einsum("fii->fi", outer), axis=1)]
 
 
 def rotation_angle(rotations: ArrayLike) -> Array:
@@ -134,7 +143,8 @@ def mean_rotation(rotations: ArrayLike) -> Array:
     Hartley et al., "Rotation averaging", IJCV 103 (2013), doi:10.1007/s11263-012-0601-0.
     """
     array = np.asarray(rotations, dtype=np.float64)
-    return nearest_rotation(array[np.isfinite(array[:, 0, 0])].mean(axis=0))
+    known = np.isfinite(array[:, 0, 0])
+    return nearest_rotation((array if known.all() else array[known]).mean(axis=0))
 
 
 def apply_motion(rotations: ArrayLike, translations: ArrayLike, points: ArrayLike) -> Array:
