@@ -66,6 +66,7 @@ def methods_table(rows: list[dict[str, Any]]) -> str:
     lines = [header]
     for row in rows:
         name = f"{row['kind']} {row['method']}{' *' if row['chosen'] else ''}"
+        name = "no compensation" if row["kind"] == "none" else name
         cells = [
             _cell(row[key], width, digits)
             for key, width, digits in (
