@@ -40,7 +40,7 @@ from evalkit.pose.model import Pose, PoseEstimator, check, moments, whole_marker
 from evalkit.pose.qcp import qcp
 from evalkit.pose.reference import reference_shape
 
-SUBSET = 1500
+SUBSET = 1000
 """Frames that the covariances are estimated from, spread evenly over the take."""
 
 MIN_MARKERS = 5
@@ -238,7 +238,7 @@ class _Rounds:
             shrink = 1.0 if isotropic else 1.0 / (self.effective + 1.0)
             scatter = (1.0 - shrink) * scatter + shrink * round_part
             scatter += self.floor * np.eye(3)
-            change = np.abs(scatter - self.scatter).max(axis=(1, 2)) / np.abs(self.scatter).max(axis=(1, 2))
+            change = np.linalg.norm(scatter - self.scatter, axis=(1, 2)) / np.linalg.norm(self.scatter, axis=(1, 2))
             self.scatter = scatter
             if change.max() < TOLERANCE:
                 self.converged = True
