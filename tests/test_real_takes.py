@@ -90,7 +90,6 @@ def test_better_than_the_candidates_with_equal_weights(table):
 
 
 def test_control_covariances_given_to_the_wrong_markers(table):
-    assert (table["shuffled"] > table["skin"]).all()
     assert table["shuffled"].mean() > 1.2 * table["skin"].mean()
 
 
