@@ -13,9 +13,10 @@ from evalkit.errors import CaptureError, EvalkitError, FrameStatus
 
 if TYPE_CHECKING:
     from evalkit.capture import Capture, read_capture, write_capture
-    from evalkit.compensation import Compensation, compensate, compensate_as_published
+    from evalkit.compensation import Compensation, compensate
     from evalkit.pivot import pivot_estimators
     from evalkit.pose import pose_estimators
+    from evalkit.published import compensate_as_published
     from evalkit.synthetic import synthesize
 
 __version__ = "0.1.0"
@@ -26,7 +27,7 @@ _HOMES = {
     "write_capture": "evalkit.capture",
     "Compensation": "evalkit.compensation",
     "compensate": "evalkit.compensation",
-    "compensate_as_published": "evalkit.compensation",
+    "compensate_as_published": "evalkit.published",
     "pose_estimators": "evalkit.pose",
     "pivot_estimators": "evalkit.pivot",
     "synthesize": "evalkit.synthetic",

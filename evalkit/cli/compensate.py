@@ -67,7 +67,7 @@ def compensate(
     Example:
         evalkit compensate take.c3d -o out --rigid ForeHead_M,ForeHead_L,ForeHead_R,NoseTop
     """
-    from evalkit import compensation
+    from evalkit import compensation, published
     from evalkit.capture import read_capture
     from evalkit.results import check_output, staged, write_results
 
@@ -81,7 +81,7 @@ def compensate(
     try:
         if paper:
             as_reference = 0 if reference == "mean" else parse_reference(reference)
-            result = compensation.compensate_as_published(take, labels, reference=as_reference)
+            result = published.compensate_as_published(take, labels, reference=as_reference)
         else:
             result = compensation.compensate(
                 take, labels, pose=pose, pivot=pivot, sway=parse_sway(sway), reference=parse_reference(reference)
