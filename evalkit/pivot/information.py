@@ -47,7 +47,7 @@ class Information:
     def solve(self, path: Array, markers: Array) -> tuple[Array, Array]:
         """Solution for right sides (3 K, N) and (3 M, N), the least one where the frames do not determine it."""
         by_path, by_border, schur = self._eliminated(path)
-        p = np.linalg.lstsq(schur, markers - self.border.T @ by_path, rcond=RANK)[0]
+        p = np.asarray(np.linalg.lstsq(schur, markers - self.border.T @ by_path, rcond=RANK)[0], dtype=np.float64)
         return by_path - by_border @ p, p
 
     def unseen(self, functional: Array) -> Array:

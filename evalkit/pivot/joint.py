@@ -144,6 +144,8 @@ def joint(
     variables separate", SIAM J. Numer. Anal. 10 (1973), doi:10.1137/0710036; Triggs et al. (2000),
     doi:10.1007/3-540-44480-7_21.
     """
+    if isinstance(sway, str) and sway not in ("auto", "none"):
+        raise EvalkitError(f"sway '{sway}' is not known; use auto, none or a knot spacing in seconds")
     motion = motion_spread(points, pose)
     hidden = motion.hidden_in_world
     start = score(points, pose)
@@ -167,9 +169,15 @@ def joint(
     )
     rotations = pose.rotations[used]
     still = Fit(rotations, arms / unit, np.zeros((1, 3)), constant(len(used)), np.inf, 0, 0, 0, False, None)  # type: ignore[arg-type]
-    fit = _choose(problem, still, used, len(points), rate, sway)
-    if robust:
-        fit = _robust(problem, fit)
+    if len(hidden):
+        # Poses turned about a pivot at rest are less noisy than free ones, and outliers have lost their weight: what
+        # such poses show is shown.
+        bold = replace(problem, hidden=hidden[:0])
+        rest = _fitted(bold, still, used, len(points), rate, "none", robust)
+        own = _own_motion(bold, rest)
+        if rest.converged and own.hidden.sum() < motion.hidden.sum():
+            motion, problem = own, replace(problem, hidden=own.hidden_in_world)
+    fit = _fitted(problem, still, used, len(points), rate, sway, robust)
     return _reported(points, pose, problem, fit, used, motion, prior)
 
 
@@ -214,6 +222,30 @@ def _head_pivot(pose: Pose, position: Array) -> Array:
     """The pivot in the template's coordinates: the mean of ``R' (O - T)`` over the frames."""
     r, t = pose.rotations[pose.known], pose.translations[pose.known]
     return np.einsum("fji,fj->i", r, position - t) / len(r)
+
+
+def _fitted(
+    problem: _Problem, start: Fit, used: np.ndarray, frames: int, rate: float, sway: str | float, robust: bool
+) -> Fit:
+    fit = _choose(problem, start, used, frames, rate, sway)
+    return _robust(problem, fit) if robust else fit
+
+
+def _own_motion(problem: _Problem, fit: Fit) -> Motion:
+    """What the rotations of a fit say about the pivot, by the noise that is left in them: ``sigma² J_p^-1``.
+
+    Like :func:`evalkit.pivot.model.motion_spread` for free poses, whose rotations have the noise ``sigma² J_c^-1``.
+    """
+    share = problem.weights if problem.weights.ndim == 1 else problem.weights.mean(axis=0)
+    lever = inertia(fit.shape * np.sqrt(share)[:, None])
+    noise = fit.cost / max(fit.observations - fit.parameters, 1) * np.linalg.pinv(lever, hermitian=True)
+    frames, mean = len(fit.rotations), fit.rotations.mean(axis=0)
+    floor = frames * (np.trace(noise) * np.eye(3) - noise)
+    spread = frames * (np.eye(3) - mean.T @ mean) - floor
+    turn, axes = np.linalg.eigh(spread)
+    along = np.einsum("ik,ij,jk->k", axes, floor, axes)
+    hidden = turn <= 4.0 * np.sqrt(2.0 / frames) * along + 1e-12 * frames
+    return Motion(spread, floor, mean, frames, turn, axes, hidden)
 
 
 def _choose(problem: _Problem, start: Fit, used: np.ndarray, frames: int, rate: float, sway: str | float) -> Fit:

@@ -159,6 +159,6 @@ def joint_by_general_solver(points, weights, functions, start, sweeps=3):
 
     for _ in range(sweeps):
         z = np.concatenate([p.ravel(), a.ravel(), np.zeros(3 * frames)])
-        found = scipy.optimize.least_squares(difference, z, jacobian, xtol=1e-15, ftol=1e-15, gtol=1e-15)
+        found = scipy.optimize.least_squares(difference, z, jacobian, xtol=1e-13, ftol=1e-14, gtol=1e-12, max_nfev=30)
         p, a, r = unpacked(found.x)
     return p, a, r, 2.0 * found.cost
