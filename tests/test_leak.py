@@ -194,7 +194,7 @@ def test_data_that_cannot_answer_get_a_status():
 def test_what_does_not_fit_is_refused():
     take, _, result = compensated(frames=400)
     with pytest.raises(EvalkitError, match="400 frames"):
-        expression_leak(take.with_points(take.points[:399]), result)
+        expression_leak(Capture(take.points[:399], take.labels, take.rate), result)
     with pytest.raises(EvalkitError, match="permutations"):
         expression_leak(take, result, permutations=5)
 
