@@ -234,6 +234,22 @@ def test_robust_survives_what_least_squares_does_not(kind, record_property):
     assert rms(plain) > (3.0 if kind == "outliers" else 1.0) * rms(robust)
 
 
+@pytest.mark.parametrize("kind", ["clean", "outliers", "swapped labels"])
+def test_the_stated_covariance_of_a_robust_fit_does_not_count_outliers(kind):
+    """16 seeds: chi-square of 48, whose 99.9 % band is 22 to 86; counting 5 % of outliers at 30 mm gave 0.1."""
+    total = 0.0
+    for seed in range(16):
+        points = seen(turning(frames=300), noise=0.3, seed=seed)
+        points = points if kind == "clean" else spoiled(kind, points, seed)
+        found = joint(points, sway="none", robust=True)
+        error = found.position - PIVOT
+        total += error @ np.linalg.solve(found.covariance, error)
+        left_out = 0.0 if kind == "clean" else 0.05 if kind == "outliers" else 0.04
+        # Outliers below six times the noise stay; of 1,500 samples 5 +- 0.6 % are hit, three of these and a half.
+        assert left_out - 0.025 <= (found.pose.weights == 0).mean() <= left_out + 0.025
+    assert 22 < total < 86
+
+
 def test_robust_costs_little_on_clean_takes():
     robust, plain = [], []
     for seed in range(12):
@@ -278,7 +294,7 @@ def test_a_prior_and_a_take_combine_by_their_covariances():
 
 def test_a_tight_prior_wins_where_the_take_says_little():
     points = seen(turning(degrees=0.5), noise=0.3)
-    assert joint(points, sway="none").status == "poorly-observable"
+    assert joint(points, sway="none").principal_std[0] > 10.0
     helped = joint(points, sway="none", prior=(BELIEF, 0.01 * np.eye(3)))
     assert np.linalg.norm(helped.position - BELIEF) < 0.1  # one deviation of the prior
     assert helped.principal_std.max() < 0.1
@@ -343,7 +359,7 @@ def test_pitfall_2_turning_about_one_axis_only(axis, sway):
 def test_the_verdict_rests_on_the_poses_turned_about_the_pivot(record_property):
     """At two degrees and 1 mm the free poses hide an axis that the whole fit shows: it was held, metres off."""
     errors, bounds = [], []
-    for seed in range(20):
+    for seed in range(14):
         points, shape, target, truth = taken(seed, noise=1.0, range_deg=2.0)
         found = joint(points, sway="auto")
         assert found.status in ("ok", "poorly-observable")
@@ -351,12 +367,12 @@ def test_the_verdict_rests_on_the_poses_turned_about_the_pivot(record_property):
         bounds.append(np.trace(full_pivot_bound(shape, truth.rotations, 1.0)))
     free = [
         pivot_estimators["score"](points, posed(points))
-        for points, *_ in (taken(s, noise=1.0, range_deg=2.0) for s in range(20))
+        for points, *_ in (taken(s, noise=1.0, range_deg=2.0) for s in range(14))
     ]
-    assert sum(found.status == "unobservable" for found in free) > 5  # or this would test nothing
+    assert sum(found.status == "unobservable" for found in free) > 4  # or this would test nothing
     ratio = rms(errors) / np.sqrt(np.mean(bounds))
     record_property("error_over_bound", ratio)
-    assert ratio < 1.4  # 20 seeds: 15 %, nearly three of these
+    assert ratio < 1.5  # 14 seeds: 17 %, three of these
 
 
 @pytest.mark.parametrize("pose", ["svd", "robust"])
@@ -485,7 +501,7 @@ def test_long_takes(sway, record_property):
     assert rms(errors) <= 1.6 * np.sqrt(bounds.mean())  # six seeds: 27 %, two of these
 
 
-def test_control_a_pivot_held_still_under_sway_is_far_off():
+def test_pitfall_6_sway_puts_a_pivot_that_is_held_still_far_off():
     """Pitfall 6: without the sway in the model the error is tens of times the bound."""
     errors, bounds, _, _ = errors_and_bounds(range(6), sway="none")
     assert rms(errors) < 2 * np.sqrt(bounds.mean())
@@ -529,22 +545,28 @@ def test_pitfall_5_no_bias_towards_the_markers_at_two_degrees():
 
 
 def test_pitfall_7_robust_weights_do_not_see_a_coherent_slide(record_property):
-    """Three of six markers, the forehead's, slide by 4 mm as one: robust is no cure; leaving them out is."""
+    """Forehead skin that slides by 4 mm as one piece passes for a turn: robust is no cure, other markers are."""
     shape = np.vstack([ARM, ARM[4] * [-1, 1, 1]])
     r = turning(frames=300)
     slide = np.zeros((300, 6, 3))
     slide[:, :3, 1] = 2.0 - 2.0 * np.cos(np.linspace(0.0, 25.0, 300))[:, None]
-    errors = {"all": [], "robust": [], "rigid": []}
-    for seed in range(8):
+    forehead, others = slice(0, 3), slice(3, 6)
+    errors = {"forehead": [], "robust": [], "others": []}
+    for seed in range(6):
         rng = np.random.default_rng(seed)
         points = np.einsum("fij,fmj->fmi", r, shape + slide) + PIVOT + 0.1 * rng.standard_normal((300, 6, 3))
-        for name, first, robust in (("all", 0, False), ("robust", 0, True), ("rigid", 3, False)):
-            found = joint(points[:, first:], sway="none", robust=robust)
+        for name, which, robust in (
+            ("forehead", forehead, False),
+            ("robust", forehead, True),
+            ("others", others, False),
+        ):
+            found = joint(points[:, which], sway="none", robust=robust)
             errors[name].append(rotation_error_deg(found.pose.rotations, r))
     found = {name: float(np.sqrt(np.mean(np.square(values)))) for name, values in errors.items()}
     record_property("rotation_rms_deg", found)
-    assert found["rigid"] < 0.6 * found["all"]
-    assert found["rigid"] < 0.6 * found["robust"]
+    # 4 mm up at 170 mm from the pivot are a turn of 1.3 degrees, 0.5 about its mean.
+    assert found["robust"] > 0.8 * found["forehead"]
+    assert found["others"] < 0.5 * found["robust"]
 
 
 def test_pitfall_8_the_residual_does_not_tell_a_good_pivot_from_a_bad_one():

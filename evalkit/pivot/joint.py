@@ -40,6 +40,9 @@ FINEST_S = 0.25
 FREE_MM2 = 1e9
 """Variance that stands for no knowledge at all, mm²."""
 
+OUTLIER = 0.1
+"""Part of its weight below which a robust fit has left a sample out."""
+
 INFLATED = 1.5
 """Ratio of the scatter between stretches of time to that of white noise above which it is believed; white noise
 passes it once in a few hundred takes."""
@@ -173,11 +176,11 @@ def joint(
         # Poses turned about a pivot at rest are less noisy than free ones, and outliers have lost their weight: what
         # such poses show is shown.
         bold = replace(problem, hidden=hidden[:0])
-        rest = _fitted(bold, still, used, len(points), rate, "none", robust)
-        own = _own_motion(bold, rest)
+        trimmed, rest = _fitted(bold, still, used, len(points), rate, "none", robust)
+        own = _own_motion(trimmed, rest)
         if rest.converged and own.hidden.sum() < motion.hidden.sum():
             motion, problem = own, replace(problem, hidden=own.hidden_in_world)
-    fit = _fitted(problem, still, used, len(points), rate, sway, robust)
+    problem, fit = _fitted(problem, still, used, len(points), rate, sway, robust)
     return _reported(points, pose, problem, fit, used, motion, prior)
 
 
@@ -226,9 +229,10 @@ def _head_pivot(pose: Pose, position: Array) -> Array:
 
 def _fitted(
     problem: _Problem, start: Fit, used: np.ndarray, frames: int, rate: float, sway: str | float, robust: bool
-) -> Fit:
+) -> tuple[_Problem, Fit]:
+    """The fit, and the problem without the samples that it found to be outliers."""
     fit = _choose(problem, start, used, frames, rate, sway)
-    return _robust(problem, fit) if robust else fit
+    return _robust(problem, fit) if robust else (problem, fit)
 
 
 def _own_motion(problem: _Problem, fit: Fit) -> Motion:
@@ -381,20 +385,25 @@ def _variance(problem: _Problem, weighted: Array) -> float:
     return float(np.einsum("fmi,fmi,fm->", weighted, weighted, part, optimize=True)) / freedom
 
 
-def _robust(problem: _Problem, fit: Fit) -> Fit:
-    """Re-weighted fits: every marker of every frame by the Geman-McClure loss at four times its noise."""
+def _robust(problem: _Problem, fit: Fit) -> tuple[_Problem, Fit]:
+    """Re-weighted fits: every marker of every frame by the Geman-McClure loss at four times its noise.
+
+    The problem comes back without the samples of next to no weight, some six times the noise off, and the fit with
+    the normal matrix of that: what is said of its uncertainty must not count them.
+    """
     base = np.broadcast_to(problem.weights, problem.points.shape[:2])
     for _ in range(10):
         arm = problem.points - fit.basis.evaluate(fit.coefficients)[:, None, :]
         square = base * ((arm @ fit.rotations - fit.shape) ** 2).sum(axis=2)
         # 2.366 is the median of chi-square with three degrees of freedom; six in 3 M are absorbed by the pose.
         noise = np.median(square[base > 0]) / 2.366 * base.shape[1] / max(base.shape[1] - 1, 1)
-        weights = base * (16 * noise / (square + 16 * noise + 1e-300)) ** 2
+        share = (16 * noise / (square + 16 * noise + 1e-300)) ** 2
         before = fit
-        fit = _fit(replace(problem, weights=weights), fit, max_iterations=4)
+        fit = _fit(replace(problem, weights=base * share), fit, max_iterations=4)
         if np.abs(fit.shape - before.shape).max() < 1e-7:
             break
-    return fit
+    kept = np.where(share > OUTLIER, base, 0.0)
+    return replace(problem, weights=kept), replace(fit, matrix=information(fit.shape, fit.rotations, kept, fit.basis))
 
 
 def _reported(
