@@ -19,6 +19,7 @@ from evalkit.pivot import Pivot, PivotEstimator, pivot_estimators
 from evalkit.pivot.spline import smoothed
 from evalkit.pose import Pose, PoseEstimator, pose_estimators, reference_pose
 from evalkit.pose.reference import Reference
+from evalkit.pose.skin import SkinModel, automatic_rigid, skin_estimator
 
 DEFAULT_POSE = "svd"
 DEFAULT_PIVOT = "joint"
@@ -27,12 +28,12 @@ PRIOR_STD_MM = 50.0
 """Standard deviation per axis of what anatomy says of the pivot: necks differ by less, and forehead markers sit
 differently by centimetres; a guess, and a wide one."""
 
+LEADING = 8
+"""Markers, those that tell most of the rotation, from which the pivot is found where skin motion is modelled."""
+
 HELD_OUT_FRAMES = 2000
 HELD_OUT_MARKERS = 8
 """Frames and rigid markers on which the pivot-constrained and the free pose are compared."""
-
-BODY_MM = 500.0
-"""A take that spreads further than this shows more than a head."""
 
 STILL = 0.5
 """Part of the path that turning gives the markers which the pivot's own path may have, in a neck at rest."""
@@ -63,7 +64,8 @@ class Compensation:
     frame_status : ndarray of int8, shape (F,)
         :class:`~evalkit.errors.FrameStatus` of every frame.
     frame_residual, marker_residual : ndarray, shapes (F,) and (R,)
-        Root-mean-square distance of the rigid markers from the fitted motion, per frame and per marker.
+        Root-mean-square distance of the rigid markers from the fitted motion, per frame (weighted as in the
+        fit, where markers were weighted) and per marker.
     warnings : list of str
         What a user should know before trusting the result, in words.
     template : ndarray, shape (R, 3)
@@ -121,14 +123,19 @@ def compensate(
     ----------
     take : Capture
     rigid : "auto" or sequence of str
-        Markers that move with the skull, at least three not in one line.
+        Markers that move with the skull, at least three not in one line. ``"auto"``: all markers of the take,
+        each weighted by how its skin moves over the skull, which is estimated with the motion
+        (:mod:`evalkit.pose.skin`); in takes that do not allow it, those whose distances vary least.
     pose, pivot : str
-        Names in ``evalkit.pose_estimators`` and ``evalkit.pivot_estimators``.
+        Names in ``evalkit.pose_estimators`` and ``evalkit.pivot_estimators``. With ``rigid="auto"`` the least
+        squares of ``svd`` take each marker's own covariance (the result's method is then called ``skin``), other
+        estimators its mean variance.
     sway : "auto", "none", "per-frame" or float
         What the pivot's own displacement may be. ``"none"``: the neck stands still. A number: a cubic B-spline
         with knots that many seconds apart. ``"per-frame"``: anything, each frame's pose by itself. ``"auto"``:
         with a pivot estimator that models the sway (``joint``), its own choice between still and splines, unless
-        rigid markers that were left out of the estimate move less with free poses; with others, ``"per-frame"``.
+        rigid markers that were left out of the estimate move less with free poses; with others, and where skin
+        motion is modelled, ``"per-frame"``.
     reference : "mean", "median" or int
         The pose that everything is brought back to, and what the shape is taken from. ``"mean"`` and
         ``"median"``: shape from all frames, the head turned to its mean orientation about the pivot. A number:
@@ -160,19 +167,28 @@ def compensate(
     estimator = _lookup(pose_estimators, pose, "pose estimator")
     finder = _lookup(pivot_estimators, pivot, "pivot estimator")
     _check_sway(sway)
-    chosen = choose_rigid(take, rigid)
+    chosen, model = _markers(take, rigid, estimator)
+    weighted = False
+    if model is not None and pose == "svd":
+        estimator, pose, weighted = skin_estimator(model), "skin", True
     points = take.points[:, chosen.columns]
-    warnings = list(take.warnings)
+    warnings = [*take.warnings, *chosen.warnings]
     posed = pose_or_error(estimator, points, reference, chosen, pose)
-    start = local_origin(take, chosen.columns) if origin is None else checked_point(origin)
+    free = sway == "per-frame" or (sway == "auto" and weighted)
+    # Markers on skin that tell little of the pose tell less of the pivot.
+    lead = (
+        np.argsort(-chosen.share, kind="stable")[:LEADING] if free and model is not None else np.arange(len(points[0]))
+    )
+    start = local_origin(take, np.array(chosen.columns)[lead]) if origin is None else checked_point(origin)
     known = (start, PRIOR_STD_MM**2 * np.eye(3)) if prior else None
     options = {
         "initial": start, "origin": start, "reference": reference, "rate": take.rate, "prior": known,
         "sway": "auto" if sway == "per-frame" else sway, **pivot_options,
     }  # fmt: skip
-    estimate = finder(points, posed, **options)
+    leading = replace(posed, template=posed.template[lead], weights=posed.weights[..., lead])
+    estimate = finder(points[:, lead], leading, **options)
     used: str | float = "per-frame" if sway == "auto" else sway
-    if estimate.pose is not None and sway != "per-frame":
+    if estimate.pose is not None and not free:
         used = "none" if np.isinf(estimate.sway_spacing_s) else estimate.sway_spacing_s
         words = _free_is_better(points, posed, estimate, estimator, finder, take.rate, used) if sway == "auto" else ""
         if words:
@@ -186,6 +202,16 @@ def compensate(
     return finish(take, chosen, points, posed, estimate, (sway, used), reference, start, pose, pivot, warnings, [])
 
 
+def _markers(
+    take: Capture, rigid: str | Sequence[str], estimator: PoseEstimator
+) -> tuple[RigidMarkers, SkinModel | None]:
+    """The rigid markers, and how their skin moves if they were weighted automatically."""
+    if isinstance(rigid, str) and rigid == "auto" and estimator.markers is None:
+        found = automatic_rigid(take)
+        return found, found.model
+    return choose_rigid(take, rigid, estimator.markers), None
+
+
 def pose_or_error(
     estimator: PoseEstimator, points: Array, reference: Reference, chosen: RigidMarkers, name: str
 ) -> Pose:
@@ -195,7 +221,9 @@ def pose_or_error(
             f"pose method {name} takes exactly {estimator.markers} rigid markers, "
             f"not {points.shape[1]} ({', '.join(chosen.labels)}); name {estimator.markers} with rigid"
         )
-    posed = reference_pose(estimator, points, reference, labels=chosen.labels)
+    # The skin estimator has its markers' covariances; weights on top would count them twice.
+    weights = None if name == "skin" or (chosen.weights == 1.0).all() else chosen.weights
+    posed = reference_pose(estimator, points, reference, weights, labels=chosen.labels)
     if not posed.ok.any():
         worst = FrameStatus(int(np.bincount(posed.status).argmax())).text
         raise EvalkitError(
@@ -275,7 +303,7 @@ def finish(
     seen = np.isfinite(square)
     square[~seen] = 0.0
     with np.errstate(invalid="ignore", divide="ignore"):
-        frame_residual = np.sqrt(square.sum(axis=1) / seen.sum(axis=1))
+        frame_residual = np.sqrt(square @ chosen.weights / (seen @ chosen.weights))
         marker_residual = np.sqrt(square.sum(axis=0) / seen.sum(axis=0))
     warnings = warnings + _warnings(take, chosen, posed, estimate, r, s, sway)
     inverse = r.transpose(0, 2, 1) if turned else _inverse(r, pose)
@@ -336,7 +364,7 @@ def _undone(take: Capture, inverse: Array, translations: Array) -> Capture:
 
 def _inverse(rotations: Array, pose: str) -> Array:
     """Inverse matrices; the paper's raw matrix is not orthogonal, so its transpose would not undo it."""
-    if pose_estimators[pose].orthogonal:
+    if pose not in pose_estimators or pose_estimators[pose].orthogonal:
         return rotations.transpose(0, 2, 1)
     known = np.isfinite(rotations).all(axis=(1, 2))
     inverse = np.full_like(rotations, np.nan)
@@ -353,12 +381,6 @@ def _warnings(
     if other:
         count = sum(kind != "position" for kind in take.quantities)
         found.append(f"{count} points hold {', '.join(other)} values, not positions: left as they were")
-    extent = _extent(take) if chosen.automatic else 0.0
-    if extent > BODY_MM:
-        found.append(
-            f"the markers spread over {extent / 1000:.1f} m, more than a head: the most rigid set need not be on it; "
-            "name the head's markers with rigid"
-        )
     lost = int((~posed.ok).sum())
     if lost:
         kinds = np.bincount(posed.status, minlength=len(FrameStatus))
@@ -379,14 +401,6 @@ def _warnings(
             + ": the neck did not stand still, and one fixed pivot does not explain the motion"
         )
     return found
-
-
-def _extent(take: Capture) -> float:
-    """Longest side of the box around the markers, mm, median over up to a thousand frames."""
-    positions = [k for k, kind in enumerate(take.quantities) if kind == "position"]
-    some = take.points[:: max(take.frames // 1000, 1)][:, positions]
-    some = some[np.isfinite(some[:, :, 0]).any(axis=1)]
-    return float(np.median(np.nanmax(some, axis=1) - np.nanmin(some, axis=1), axis=0).max()) if len(some) else 0.0
 
 
 def _lookup(table: dict[str, Any], name: str, what: str) -> Any:

@@ -210,6 +210,7 @@ def summary(
             "labels": result.rigid,
             "automatic": result.chosen.automatic,
             "reason": result.chosen.reason,
+            "weights": dict(zip(result.rigid, result.chosen.weights.tolist(), strict=True)),
             "residual_rms_mm": dict(zip(result.rigid, result.marker_residual.tolist(), strict=True)),
         },
         "outer_iterations": result.outer,

@@ -141,7 +141,7 @@ def errors_against(result: Any, truth: Any) -> dict[str, float]:
     from evalkit import metrics
 
     expression = metrics.expression_error_mm(result.capture.points, truth.clean)
-    others = [k for k, label in enumerate(result.capture.labels) if label not in result.rigid]
+    others = [k for k, label in enumerate(result.capture.labels) if label not in truth.rigid]
     return {
         "rotation_rms_deg": metrics.rms(metrics.rotation_error_deg(result.rotations, truth.rotations)),
         "pivot_mm": metrics.pivot_error_mm(result.pivot, result.sway, truth.pivot, truth.sway),
@@ -153,11 +153,14 @@ def describe(content: dict[str, Any], output: Path, report: bool) -> str:
     """The summary in a few lines of text."""
     pivot, frames = content["pivot"], content["frames"]
     position = ", ".join(f"{x:.1f}" for x in pivot["position_mm"])
-    total = sum(frames.values())
+    total, labels = sum(frames.values()), content["rigid"]["labels"]
     lines = [
-        f"head pose in {frames['ok']} of {total} frames from {', '.join(content['rigid']['labels'])}",
+        f"head pose in {frames['ok']} of {total} frames from "
+        + (", ".join(labels) if len(labels) <= 8 else f"{len(labels)} markers"),
         f"pivot ({position}) mm: {pivot['status']}",
     ]
+    if content["rigid"]["automatic"]:
+        lines.insert(1, content["rigid"]["reason"])
     if content["errors_against_truth"]:
         e = content["errors_against_truth"]
         lines.append(

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from evalkit.capture import Capture
-from evalkit.compensation import Compensation, compensate
+from evalkit.compensation import LEADING, Compensation, compensate
 from evalkit.errors import EvalkitError, FrameStatus
 from evalkit.geometry import Array, apply_motion, undo_motion
 from evalkit.metrics import expression_error_mm, pivot_error_mm, rms, rotation_error_deg
@@ -45,7 +45,8 @@ def compare_methods(
 ) -> list[dict[str, Any]]:
     """Every pose estimator with the chosen pivot, and every pivot estimator with the chosen pose, on this take.
 
-    Rigid markers, reference, sway and local origin are those of the result. The measure without truth is
+    Rigid markers, reference, sway and local origin are those of the result; of markers that were weighted by
+    their skin motion, which the other methods cannot do, those that tell most. The measure without truth is
     ``held_out_mm``: with at least four rigid markers each is left out in turn, the head pose is estimated from
     the others and undone, and the held-out marker's movement about its mean, which would be zero on a true
     skull, is pooled (rms). The row ``none (raw)`` has the same for the take as it is.
@@ -72,12 +73,17 @@ def compare_methods(
     """
     pose = result.pose_method if pose is None else pose
     pivot = result.pivot_method if pivot is None else pivot
+    rigid, own = result.rigid, []
+    if pose not in pose_estimators:
+        # Markers weighted by their skin: the others, which cannot weight so, get those that tell most.
+        best = np.sort(np.argsort(-result.chosen.share, kind="stable")[:LEADING])
+        rigid, own, pose = [result.rigid[k] for k in best], [_weighted(take, result, truth)], "svd"
     some, reference = _some_frames(take.frames, max_frames, result.reference)
     # The rate of the thinned take keeps seconds what they are.
     rate = take.rate * max(len(some) - 1, 1) / max(take.frames - 1, 1)
     thin = Capture(take.points[some], take.labels, rate, axes=take.axes, quantities=take.quantities)
     options: dict[str, Any] = {
-        "rigid": result.rigid,
+        "rigid": rigid,
         "reference": reference,
         "sway": result.sway_mode,
         "origin": result.origin,
@@ -86,17 +92,19 @@ def compare_methods(
     pairs = [("pose", name, name, pivot) for name in pose_estimators]
     pairs += [("pivot", name, pose, name) for name in pivot_estimators]
     held_out: dict[tuple[str, str], float] = {}
-    rows = [_raw(thin, result, some, truth)]
+    rows = [_raw(thin, result, some, truth), *own]
     for done, (kind, name, with_pose, with_pivot) in enumerate(pairs):
         if progress is not None:
             progress(done, len(pairs), name)
-        row = _empty(kind, name, len(some)) | {"chosen": name == (pose if kind == "pose" else pivot)}
+        row = _empty(kind, name, len(some)) | {
+            "chosen": name == (pose if kind == "pose" else pivot) and not (own and kind == "pose")
+        }
         rows.append(row)
         wanted = pose_estimators[with_pose].markers
-        if wanted is not None and wanted != len(result.rigid):
+        if wanted is not None and wanted != len(rigid):
             row |= {
                 "status": "not-applicable",
-                "message": f"takes exactly {wanted} rigid markers; this take has {len(result.rigid)}",
+                "message": f"takes exactly {wanted} rigid markers; this take has {len(rigid)}",
             }
             continue
         start = time.perf_counter()
@@ -188,6 +196,12 @@ def _raw(thin: Capture, result: Compensation, some: np.ndarray, truth: Truth | N
     if truth is not None:
         row["expression_error_mm"] = rms(expression_error_mm(thin.points[ok], truth.clean[some][ok]))
     return row
+
+
+def _weighted(take: Capture, result: Compensation, truth: Truth | None) -> dict[str, Any]:
+    """The result itself, on all its frames, where no other method can be given its weights."""
+    row = _empty("pose", result.pose_method, take.frames) | {"chosen": True} | _measured(take, result)
+    return row | (_errors(result, truth, np.arange(take.frames)) if truth is not None else {})
 
 
 def _measured(thin: Capture, got: Compensation) -> dict[str, Any]:

@@ -92,7 +92,8 @@ class View:
     def turns(self) -> tuple[Array, list[str]]:
         """Rotation vectors in the performer's axes, deg, shape (F, 3), and their names."""
         rotations = self.result.rotations
-        if not pose_estimators[self.result.pose_method].orthogonal:
+        method = pose_estimators.get(self.result.pose_method)
+        if method is not None and not method.orthogonal:
             rotations = nearest_rotation(rotations)
         axes = np.stack([self.left, self.up, self.forward])
         names = [

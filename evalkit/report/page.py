@@ -284,7 +284,7 @@ def _errors(view: View, truth: Truth) -> dict[str, Any]:
     result = view.result
     rotation = rotation_error_deg(result.rotations, truth.rotations, view.ok)
     expression = expression_error_mm(result.capture.points, truth.clean)
-    free = ~np.isin(result.capture.labels, result.rigid)
+    free = ~np.isin(result.capture.labels, truth.rigid)
     seen = np.isfinite(expression)
     count = seen.sum(axis=1)
     square = np.where(seen, expression, 0.0) ** 2
