@@ -13,7 +13,7 @@ from evalkit.geometry import apply_motion, rotation_from_vector
 from evalkit.leak import expression_leak
 from tests.realdata import real_data
 
-SEEDS = 40
+SEEDS = 30
 
 
 def compensated(preset="talking", seed=0, **overrides):
@@ -31,7 +31,7 @@ def rigid_takes():
 def sliding_takes():
     """(skin, seed) -> take and result, the same performance and noise with skin that slides more and more."""
     return {
-        (skin, seed): compensated("skin", seed, skin=skin) for skin in (0.0, 0.5, 1.0, 2.0, 4.0) for seed in range(4)
+        (skin, seed): compensated("skin", seed, skin=skin) for skin in (0.0, 0.5, 1.0, 2.0, 4.0) for seed in range(3)
     }
 
 
@@ -51,8 +51,8 @@ def test_rigid_markers_score_no_more_than_chance(rigid_takes):
     found = [expression_leak(take, result) for take, _, result in rigid_takes]
     assert all(one.status == "ok" for one in found)
     above = np.mean([one.r2 > one.baseline_95 for one in found])
-    # 5 % expected, 6 to 7 % measured over 350 seeds; of 40 takes, more than 6 come once in thirty draws.
-    assert above <= 6 / SEEDS
+    # 5 % expected, 6 to 7 % measured over 350 seeds; of 30 takes, more than 5 come once in fifty draws.
+    assert above <= 5 / SEEDS
     assert np.mean([one.score for one in found]) < 0.08
 
 
@@ -79,7 +79,7 @@ def test_control_shuffled_frames_are_no_baseline(rigid_takes, monkeypatch):
         return np.stack([(a[random.permutation(len(a))] if s else a).T @ b for s in shifts])
 
     monkeypatch.setattr(leak, "_shifted_products", shuffled)
-    assert share_present(rigid_takes[:12]) > 0.3
+    assert share_present(rigid_takes[:8]) > 0.3
 
 
 # --- leak ------------------------------------------------------------------------------------------------------
@@ -87,7 +87,7 @@ def test_control_shuffled_frames_are_no_baseline(rigid_takes, monkeypatch):
 
 def test_score_rises_with_the_slide(sliding_leaks):
     found = sliding_leaks
-    for seed in range(4):
+    for seed in range(3):
         scores = [found[skin, seed].score for skin in (0.0, 0.5, 1.0, 2.0, 4.0)]
         assert (np.diff(scores) > 0).all()
         assert scores[-1] > 0.6 and scores[0] < 0.2

@@ -75,8 +75,8 @@ def smooth(
     with Rhat_i the measured rotation, ``J_i = sum_m |x|² I - x x'`` the inertia of the markers seen in frame i (in
     head axes, so that ``sigma² J_i^-1`` is the covariance of Rhat_i), sigma² their noise, from the residuals, and
     w_i the turn from one frame to the next. The acceleration is taken as white with variance q, a cubic smoothing
-    spline on SO(3); q is that of greatest marginal likelihood. Gauss-Newton, every step one banded solve: cost and
-    memory are linear in frames.
+    spline on SO(3); q is that of greatest marginal likelihood. Gauss-Newton, to first order in the noise of a frame,
+    every step one banded solve: cost and memory are linear in frames.
 
     It is an option and no default. One q holds for the whole take, so a movement much faster than the rest loses
     some of its peak; the errors it leaves are correlated over frames; and an error that is itself smooth, skin that
@@ -105,6 +105,22 @@ def smooth(
     ------
     EvalkitError
         If shapes do not fit.
+
+    Notes
+    -----
+    Rotation error in deg (rms over 20 takes of ``talking``, forehead triangle, 60 Hz), by each frame, smoothed, turned
+    about the pivot (``joint``), and both; ``pytest -m slow tests/test_smooth.py -k table`` prints all of it:
+
+    ============= ===== ========== ========== ========== ==========
+    speed, deg/s  noise each frame smoothed   joint      both
+    ============= ===== ========== ========== ========== ==========
+    30            0.3   0.99       0.29       0.47       0.15
+    100           0.3   0.98       0.36       0.46       0.18
+    400           0.3   0.99       0.43       0.46       0.21
+    400           0.1   0.33       0.18       0.16       0.09
+    ============= ===== ========== ========== ========== ==========
+
+    A nod of 0.2 s within 20 s of stillness, at 0.3 mm, is off by 5 deg where each frame by itself is off by 1.
 
     References
     ----------
