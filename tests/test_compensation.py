@@ -171,7 +171,9 @@ def test_occluded_frames_are_marked_and_empty(clean, rigid):
     assert np.isnan(result.capture.points[60, 20]).all() and np.isfinite(result.capture.points[60, 19]).all()
     assert np.isfinite(result.rotations[~lost]).all() and np.isfinite(result.sway[~lost]).all()
     assert any("have no head pose" in warning for warning in result.warnings)
-    assert expression_error_mm(result.capture.points, truth.clean)[~lost & (np.arange(240) != 60)].max() < 1e-7
+    # Weighted by skin motion, the frame that lost a forehead marker leans on markers that do move by millimetres.
+    limit = 1e-7 if rigid == "named" else 0.5
+    assert np.nanmax(expression_error_mm(result.capture.points, truth.clean)[~lost]) < limit
 
 
 def test_five_percent_missing_never_raises():
