@@ -66,8 +66,8 @@ def path_of(found):
 
 @pytest.mark.parametrize("case", ["plain", "gaps", "weights", "sway", "gaps, weights and sway"])
 def test_the_minimum_is_that_of_a_general_solver(case):
-    """Against scipy over shape, path and every rotation vector: 24 frames, some 90 unknowns."""
-    frames, spacing = 24, 0.2 if "sway" in case else None
+    """Against scipy over shape, path and every rotation vector: 16 frames, some 70 unknowns."""
+    frames, spacing = 16, 0.15 if "sway" in case else None
     r = turning(frames=frames)
     path = drifting(frames, 6.0, hz=3.0) if spacing else np.zeros((frames, 3))
     points = seen(r, noise=1.0) + path[:, None]
@@ -184,14 +184,14 @@ def test_weights_are_inverse_variances():
     sigma = np.array([0.2, 0.2, 2.0, 0.2, 0.2])
     r = turning()
     errors = {"weighted": [], "plain": []}
-    for seed in range(40):
+    for seed in range(24):
         points = seen(r) + sigma[:, None] * np.random.default_rng(seed).standard_normal((len(r), 5, 3))
         pose = posed(points)
         errors["plain"].append(joint(points, pose, sway="none").position - PIVOT)
         errors["weighted"].append(joint(points, pose, sway="none", weights=7.0 / sigma**2).position - PIVOT)
     bound = np.sqrt(np.trace(full_pivot_bound(ARM, r, sigma)))
-    # 40 seeds of three unequal coordinates know an rms to some 12 %: three of these.
-    assert rms(errors["weighted"]) < 1.36 * bound
+    # 24 seeds of three unequal coordinates know an rms to some 15 %: three of these.
+    assert rms(errors["weighted"]) < 1.45 * bound
     assert rms(errors["plain"]) > 2.0 * rms(errors["weighted"])
 
 
@@ -220,7 +220,7 @@ def spoiled(kind, points, seed=0):
 def test_robust_survives_what_least_squares_does_not(kind, record_property):
     robust, plain, clean = [], [], []
     r = turning(frames=300)
-    for seed in range(8):
+    for seed in range(4):
         points = seen(r, noise=0.3, seed=seed)
         bad = spoiled(kind, points, seed)
         pose = reference_pose(pose_estimators["robust"], bad, "median")
@@ -228,7 +228,7 @@ def test_robust_survives_what_least_squares_does_not(kind, record_property):
         plain.append(joint(bad, pose, sway="none", weights=np.ones(5)).position - PIVOT)
         clean.append(joint(points, sway="none").position - PIVOT)
     record_property("rms_mm", [rms(robust), rms(plain), rms(clean)])
-    # Eight seeds know each rms to 25 %: robust within the noise of the clean take. Outliers put the plain fit well off;
+    # Four seeds know each rms to 35 %: robust within the noise of the clean take. Outliers put the plain fit well off;
     # a swap of two markers that are nearly mirror images about the pivot's plane hardly does.
     assert rms(robust) < 2.0 * rms(clean)
     assert rms(plain) > (3.0 if kind == "outliers" else 1.0) * rms(robust)
@@ -236,9 +236,9 @@ def test_robust_survives_what_least_squares_does_not(kind, record_property):
 
 @pytest.mark.parametrize("kind", ["clean", "outliers", "swapped labels"])
 def test_the_stated_covariance_of_a_robust_fit_does_not_count_outliers(kind):
-    """16 seeds: chi-square of 48, whose 99.9 % band is 22 to 86; counting 5 % of outliers at 30 mm gave 0.1."""
+    """10 seeds: chi-square of 30, whose 99.9 % band is 11 to 62; counting 5 % of outliers at 30 mm gave 0.1."""
     total = 0.0
-    for seed in range(16):
+    for seed in range(10):
         points = seen(turning(frames=300), noise=0.3, seed=seed)
         points = points if kind == "clean" else spoiled(kind, points, seed)
         found = joint(points, sway="none", robust=True)
@@ -247,7 +247,7 @@ def test_the_stated_covariance_of_a_robust_fit_does_not_count_outliers(kind):
         left_out = 0.0 if kind == "clean" else 0.05 if kind == "outliers" else 0.04
         # Outliers below six times the noise stay; of 1,500 samples 5 +- 0.6 % are hit, three of these and a half.
         assert left_out - 0.025 <= (found.pose.weights == 0).mean() <= left_out + 0.025
-    assert 22 < total < 86
+    assert 11 < total < 62
 
 
 def test_robust_costs_little_on_clean_takes():
@@ -338,7 +338,7 @@ def test_pitfall_2_turning_about_one_axis_only(axis, sway):
     direction = np.asarray(axis) / np.linalg.norm(axis)
     r = about_one_axis(axis, frames=300)
     off = []
-    for seed in range(6):
+    for seed in range(4):
         found = joint(seen(r, noise=0.3, seed=seed), sway=sway)
         assert found.status == "unobservable" and "along" in found.message
         assert abs(found.principal_axes[0] @ direction) > 0.999
@@ -348,7 +348,7 @@ def test_pitfall_2_turning_about_one_axis_only(axis, sway):
         off.append(across - direction * (direction @ across))
     if max(axis) == 1.0:
         assert " x (" in found.message
-    # Six seeds know an rms to 30 %. With a spline the sum of squares is so flat and bent that a deviation from its
+    # Four seeds know an rms to 35 %. With a spline the sum of squares is so flat and bent that a deviation from its
     # curvature falls short: knots of 0.5 s follow this motion nearly as well as a turn about the pivot does.
     assert rms(off) < (2.0 if sway != 0.5 else 10.0) * np.sqrt((found.principal_std[1:] ** 2).sum())
     # Control: with ten degrees about the others it is observable.
@@ -379,7 +379,7 @@ def test_the_verdict_rests_on_the_poses_turned_about_the_pivot(record_property):
 def test_outliers_do_not_make_an_axis_unobservable(pose):
     """Their residuals pass for noise of the free poses; the verdict must not rest on them."""
     r = turning(frames=300)
-    for seed in range(4):
+    for seed in range(3):
         bad = spoiled("outliers", seen(r, noise=0.3, seed=seed), seed)
         found = joint(bad, reference_pose(pose_estimators[pose], bad, "median"), sway="none", robust=True)
         assert found.status != "unobservable"
@@ -552,7 +552,7 @@ def test_pitfall_7_robust_weights_do_not_see_a_coherent_slide(record_property):
     slide[:, :3, 1] = 2.0 - 2.0 * np.cos(np.linspace(0.0, 25.0, 300))[:, None]
     forehead, others = slice(0, 3), slice(3, 6)
     errors = {"forehead": [], "robust": [], "others": []}
-    for seed in range(6):
+    for seed in range(3):
         rng = np.random.default_rng(seed)
         points = np.einsum("fij,fmj->fmi", r, shape + slide) + PIVOT + 0.1 * rng.standard_normal((300, 6, 3))
         for name, which, robust in (

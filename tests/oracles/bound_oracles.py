@@ -109,7 +109,7 @@ def _solved(fisher, right):
     return np.linalg.lstsq(fisher, right, rcond=1e-13)[0]
 
 
-def joint_by_general_solver(points, weights, functions, start, sweeps=3):
+def joint_by_general_solver(points, weights, functions, start, sweeps=2):
     """Minimum of ``sum w_j |x_ij - R_i p_j - B_i a|²`` over p, a and every rotation vector, by scipy.
 
     ``start`` is (p, a, R). Returns (p, a, R, cost). Each sweep starts the rotation vectors anew from the last.
