@@ -225,15 +225,16 @@ def judge(
         along = ", ".join(describe_axis(axis) for axis in hidden_axes)
         status = "unobservable"
         message = f"the head does not turn in a way that shows the pivot along {along}: that coordinate is free"
-    elif not (converged and np.isfinite(position).all()):
-        status, message = "not-converged", "the search stopped before it settled; the position is its last point"
-    elif std[0] > POOR * min(reach, HEAD_MM):
+    elif np.isfinite(position).all() and std[0] > POOR * min(reach, HEAD_MM):
         status = "poorly-observable"
         message = (
             f"the pivot is uncertain by {std[0]:.1f} mm (one standard deviation) along {describe_axis(axes[0])}, "
             + (f"{std[0] / reach:.0%} of" if reach > 1.0 else "many times")
             + f" its distance from the markers ({reach:.0f} mm)"
+            + ("" if converged else "; the search for it had not settled")
         )
+    elif not (converged and np.isfinite(position).all()):
+        status, message = "not-converged", "the search stopped before it settled; the position is its last point"
     else:
         status = "ok"
         message = f"largest standard deviation {std[0]:.2f} mm, along {describe_axis(axes[0])}"
