@@ -51,7 +51,8 @@ AXES = (
     "slide along x", "slide along y", "slide along z",
 )  # fmt: skip
 """Components of the head's increments, axes of the reference pose: rotation, deg, and slide, mm, the displacement of
-the rigid markers' centroid less what goes with the rotation."""
+the rigid markers' centroid less what in this take goes with the rotation: a false rotation that is not about the neck
+is a slide, too, by its lever arm."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,7 +136,8 @@ def expression_leak(take: Capture, result: Compensation, *, permutations: int = 
     take : Capture
         What was observed.
     result : Compensation
-        Its head motion. Markers that are not in ``result.rigid`` are the face.
+        Its head motion. Markers that are not in ``result.rigid`` are the face; where all markers were weighted by
+        how their skin moves, those in the lighter half as well, whose own noise has next to no part in the pose.
     permutations : int
         Circular shifts; all that there are in takes too short for so many.
     seed : int
@@ -164,10 +166,11 @@ def expression_leak(take: Capture, result: Compensation, *, permutations: int = 
         )
     if permutations < FEWEST_SHIFTS:
         raise EvalkitError(f"{permutations} permutations cannot tell 5 % from chance; use {FEWEST_SHIFTS} or more")
+    rigid = _rigid(result)
     faces = [
         k
         for k, (label, kind) in enumerate(zip(take.labels, take.quantities, strict=True))
-        if kind == "position" and label not in result.rigid
+        if kind == "position" and label not in rigid
     ]
     face = take.points[:, faces]
     often = np.isfinite(face[:, :, 0]).mean(axis=0) > 0.5
@@ -238,23 +241,32 @@ def _worded(leak: Leak) -> Leak:
     return replace(leak, message=text)
 
 
+def _rigid(result: Compensation) -> set[str]:
+    """Labels of the markers taken as rigid: where all were weighted by how their skin moves, the heavier half."""
+    weights = result.chosen.weights
+    return {label for label, heavy in zip(result.rigid, weights >= np.median(weights), strict=True) if heavy}
+
+
 def _pose_path(take: Capture, result: Compensation) -> Array:
     """Rotation vector, deg, and displacement, mm, summed up in head axes; shape (F, 6), NaN without a pose.
 
-    The centroid is that of the observed rigid markers, where the pose does not follow it as well.
+    The displacement is that of the rigid markers' centroid: as observed where the head was turned about a pivot,
+    since that pose need not follow it; as in the pose where that was free.
     """
-    columns = [take.labels.index(label) for label in result.rigid]
-    off = undo_motion(result.rotations, result.translations, take.points[:, columns]) - result.template
-    seen = np.isfinite(off[:, :, :1])
-    with np.errstate(invalid="ignore"):
-        mean = np.where(seen, off, 0.0).sum(axis=1) / seen.sum(axis=1)
-    known = np.flatnonzero(np.isfinite(mean[:, 0]))
+    weights = result.chosen.weights / result.chosen.weights.sum()
+    known = np.flatnonzero(np.isfinite(result.rotations[:, 0, 0]))
     r = result.rotations[known]
-    centre = np.einsum("fij,fj->fi", r, mean[known] + result.template.mean(axis=0)) + result.translations[known]
+    middle = np.broadcast_to(weights @ result.template, (len(known), 3))
+    if result.sway_used != "per-frame":
+        columns = [take.labels.index(label) for label in result.rigid]
+        off = undo_motion(r, result.translations[known], take.points[known][:, columns]) - result.template
+        seen = np.where(np.isfinite(off[:, :, 0]), weights, 0.0)
+        middle = middle + np.einsum("fm,fmi->fi", seen, np.nan_to_num(off)) / seen.sum(axis=1)[:, None]
+    centre = np.einsum("fij,fj->fi", r, middle) + result.translations[known]
     turn = np.degrees(rotation_vector(r[:-1].transpose(0, 2, 1) @ r[1:]))
     # Half way between both frames, so that time reversed is motion reversed.
     move = 0.5 * np.einsum("fji,fj->fi", r[:-1] + r[1:], np.diff(centre, axis=0))
-    path = np.full((len(off), 6), np.nan)
+    path = np.full((take.frames, 6), np.nan)
     path[known[:1]] = 0.0
     path[known[1:]] = np.cumsum(np.hstack([turn, move]), axis=0)
     return path
