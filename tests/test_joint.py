@@ -64,7 +64,7 @@ def path_of(found):
 # --- the optimum -------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("case", ["plain", "gaps", "weights", "sway", "gaps, weights and sway"])
+@pytest.mark.parametrize("case", ["plain", "gaps and weights", "gaps, weights and sway"])
 def test_the_minimum_is_that_of_a_general_solver(case):
     """Against scipy over shape, path and every rotation vector: 16 frames, some 70 unknowns."""
     frames, spacing = 16, 0.15 if "sway" in case else None
@@ -431,13 +431,13 @@ def test_the_deviation_grows_when_the_neck_sways_unmodelled():
 # --- choice of sway ----------------------------------------------------------------------------------------
 
 
-def errors_and_bounds(seeds, sway="auto", **parameters):
+def errors_and_bounds(seeds, model="auto", **parameters):
     """Errors (N, 3), variances of the bound with the spline used, spacings, and stated variances."""
     errors, bounds, spacings, stated = [], [], [], []
     for seed in seeds:
         points, shape, target, truth = taken(seed, **parameters)
         pose = posed(points)
-        found = pivot_estimators["joint"](points, pose, rate=truth.rate, sway=sway)
+        found = pivot_estimators["joint"](points, pose, rate=truth.rate, sway=model)
         used = np.flatnonzero(pose.ok)
         basis = constant(len(points))
         if np.isfinite(found.sway_spacing_s):
@@ -454,7 +454,7 @@ def errors_and_bounds(seeds, sway="auto", **parameters):
 def test_without_sway_hardly_a_spline_is_taken_and_nothing_lost(record_property):
     seeds = range(24)
     chosen, _, spacings, _ = errors_and_bounds(seeds)
-    still, _, _, _ = errors_and_bounds(seeds, sway="none")
+    still, _, _, _ = errors_and_bounds(seeds, model="none")
     record_property("splines", int(np.isfinite(spacings).sum()))
     assert np.isfinite(spacings).sum() <= 1
     assert rms(chosen) <= 1.05 * rms(still)
@@ -487,7 +487,8 @@ def test_a_sway_is_always_found_and_costs_what_its_spline_must(parameters, seeds
     ratio = rms(errors) / np.sqrt(bounds.mean())
     record_property("error_over_bound", ratio)
     record_property("error_over_stated", rms(errors) / np.sqrt(stated.mean()))
-    record_property("spacings_s", sorted(set(np.round(spacings, 2))))
+    record_property("spacings_s", sorted({float(spacing) for spacing in np.round(spacings, 2)}))
+    assert taken(0, **parameters)[3].sway.any()  # or there would be nothing to find
     assert np.isfinite(spacings).all()
     assert ratio <= limit
 
@@ -503,7 +504,7 @@ def test_long_takes(sway, record_property):
 
 def test_pitfall_6_sway_puts_a_pivot_that_is_held_still_far_off():
     """Pitfall 6: without the sway in the model the error is tens of times the bound."""
-    errors, bounds, _, _ = errors_and_bounds(range(6), sway="none")
+    errors, bounds, _, _ = errors_and_bounds(range(6), model="none")
     assert rms(errors) < 2 * np.sqrt(bounds.mean())
     held = []
     for seed in range(6):
@@ -690,6 +691,6 @@ def test_time_against_the_free_poses(frames, sway, limit, record_property):
     points = long_take(frames, 20.0)
     pose = posed(points)
     free = best_time(lambda: pose_estimators["svd"](pose.template, points), 5)
-    whole = best_time(lambda: joint(points, pose, sway=sway), 2)
+    whole = best_time(lambda: joint(points, pose, sway=sway), 1 if sway == "auto" else 2)
     record_property("multiple_of_svd", whole / free)
     assert whole / free < limit
