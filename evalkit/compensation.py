@@ -20,6 +20,8 @@ from evalkit.pivot.spline import smoothed
 from evalkit.pose import Pose, PoseEstimator, pose_estimators, reference_pose
 from evalkit.pose.reference import Reference
 from evalkit.pose.skin import SkinModel, automatic_rigid, skin_estimator
+from evalkit.pose.smooth import Smoothed
+from evalkit.pose.smooth import smooth as smooth_rotations
 
 DEFAULT_POSE = "svd"
 DEFAULT_PIVOT = "joint"
@@ -80,6 +82,8 @@ class Compensation:
         What the translation was taken to be in the end: ``none``, ``per-frame`` or a knot spacing in seconds.
     outer : list of dict
         Outer iterations of the paper's alternation; empty otherwise.
+    smoothing : Smoothed or None
+        What smoothing did to the rotations, where it was asked for.
     """
 
     capture: Capture
@@ -104,6 +108,7 @@ class Compensation:
     sway_used: str | float
     origin: Array
     outer: list[dict[str, Any]] = field(default_factory=list)
+    smoothing: Smoothed | None = None
 
 
 def compensate(
@@ -115,6 +120,7 @@ def compensate(
     reference: Reference = "mean",
     origin: ArrayLike | None = None,
     prior: bool = True,
+    smooth: bool = False,
     **pivot_options: Any,
 ) -> Compensation:
     """Estimate the head's motion from the rigid markers and undo it for every marker.
@@ -146,6 +152,9 @@ def compensate(
     prior : bool
         Tell the pivot estimator what anatomy says: the local origin, give or take :data:`PRIOR_STD_MM` in every
         direction. Only ``joint`` uses it, and only takes that hardly show the pivot feel it.
+    smooth : bool
+        Smooth the rotations over time (:func:`evalkit.pose.smooth.smooth`), last of all: by as much as the take asks
+        for, which suits talk and blurs single quick movements in stillness. Frames without a pose stay empty.
     **pivot_options
         Handed to the pivot estimator.
 
@@ -199,7 +208,17 @@ def compensate(
                 estimate = replace(estimate, status="poorly-observable", message=text)
         else:
             posed = estimate.pose
-    return finish(take, chosen, points, posed, estimate, (sway, used), reference, start, pose, pivot, warnings, [])
+    smoothing = None
+    if smooth:
+        if not estimator.orthogonal and posed is not estimate.pose:
+            raise EvalkitError(f"pose method {pose} gives matrices that are no rotations; they cannot be smoothed")
+        about = estimate.position if posed is estimate.pose else None
+        smoothing = smooth_rotations(posed, points, rate=take.rate, about=about, bridge=False)
+        if posed is estimate.pose:
+            estimate = replace(estimate, pose=smoothing.pose)
+        posed = smoothing.pose
+    result = finish(take, chosen, points, posed, estimate, (sway, used), reference, start, pose, pivot, warnings, [])
+    return replace(result, smoothing=smoothing)
 
 
 def _markers(

@@ -22,6 +22,7 @@ from evalkit.capture import write_capture
 from evalkit.compensation import Compensation
 from evalkit.errors import EvalkitError, FrameStatus
 from evalkit.geometry import quaternion_from_rotation, rotation_angle
+from evalkit.leak import AXES, Leak
 from evalkit.pivot.model import TRACE_COLUMNS
 
 MOTION_COLUMNS = (
@@ -155,6 +156,7 @@ def summary(
     source: Path | None = None,
     sha256: str | None = None,
     errors: dict[str, float] | None = None,
+    leak: Leak | None = None,
 ) -> dict[str, Any]:
     """What a machine may want to know of a compensated take; infinite and unknown numbers become None.
 
@@ -167,6 +169,8 @@ def summary(
         Its checksum.
     errors : dict, optional
         Measures against truth.
+    leak : Leak, optional
+        How much of the head motion the face's own motion explains.
     """
     ok = result.frame_status == FrameStatus.OK
     counts = np.bincount(result.frame_status, minlength=len(FrameStatus))
@@ -189,6 +193,7 @@ def summary(
             "sway": result.sway_mode,
             "sway_used": result.sway_used,
             "local_origin_mm": result.origin.tolist(),
+            "smoothing": _smoothing(result),
         },
         "pivot": {
             "status": result.status,
@@ -213,12 +218,39 @@ def summary(
             "weights": dict(zip(result.rigid, result.chosen.weights.tolist(), strict=True)),
             "residual_rms_mm": dict(zip(result.rigid, result.marker_residual.tolist(), strict=True)),
         },
+        "expression_leak": None if leak is None else _leak(leak),
         "outer_iterations": result.outer,
         "errors_against_truth": errors,
         "warnings": result.warnings,
         "versions": {"python": platform.python_version(), "numpy": np.__version__},
     }
     return _plain(content)
+
+
+def _smoothing(result: Compensation) -> dict[str, Any] | None:
+    done = result.smoothing
+    if done is None:
+        return None
+    return {
+        "acceleration_deg_s2": done.acceleration_deg_s2,
+        "effective_freedom": done.freedom,
+        "predicted_rotation_error_deg": {"measured": done.measured_deg, "smoothed": done.smoothed_deg},
+    }
+
+
+def _leak(leak: Leak) -> dict[str, Any]:
+    return {
+        "status": leak.status,
+        "message": leak.message,
+        "score": leak.score,
+        "r2": leak.r2,
+        "baseline_mean": leak.baseline_mean,
+        "baseline_95": leak.baseline_95,
+        "p_value": leak.p_value,
+        "axis_share": dict(zip(AXES, leak.axis_share.tolist(), strict=True)),
+        "axis_size_deg_mm": dict(zip(AXES, leak.axis_size.tolist(), strict=True)),
+        "markers": leak.markers,
+    }
 
 
 def write_json(content: Any, path: Path) -> None:
@@ -232,7 +264,11 @@ def write_trace(result: Compensation, path: Path) -> None:
 
 
 def write_results(
-    result: Compensation, directory: Path, source: Path | None = None, errors: dict[str, float] | None = None
+    result: Compensation,
+    directory: Path,
+    source: Path | None = None,
+    errors: dict[str, float] | None = None,
+    leak: Leak | None = None,
 ) -> dict[str, Any]:
     """Write compensated.c3d, motion.csv and summary.json (and trace.csv of a search) into a folder.
 
@@ -251,7 +287,7 @@ def write_results(
         notes = pool.submit(write_capture, result.capture, directory / "compensated.c3d")
         digest = pool.submit(_sha256, source) if source is not None else None
         write_motion(result, directory / "motion.csv")
-    content = summary(result, source, digest.result() if digest else None, errors)
+    content = summary(result, source, digest.result() if digest else None, errors, leak)
     content["warnings"] += notes.result()
     if len(result.estimate.trace):
         write_trace(result, directory / "trace.csv")

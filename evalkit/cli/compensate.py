@@ -43,6 +43,11 @@ from evalkit.errors import EvalkitError
     help="Pose to bring everything back to; frames count from 0.",
 )
 @click.option(
+    "--smooth",
+    is_flag=True,
+    help="Smooth the rotations over time, by as much as the take asks for; blurs single jerks.",
+)
+@click.option(
     "--paper", is_flag=True, help="The method of Huang et al. 2000 as published, against frame 0; three rigid markers."
 )
 @click.option(
@@ -54,8 +59,8 @@ from evalkit.errors import EvalkitError
 @click.option("--report/--no-report", default=True, show_default=True, help="Write report.html.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON instead of text.")
 def compensate(
-    capture: Path, output: Path, rigid: str, pose: str, pivot: str, sway: str, reference: str, paper: bool,
-    truth: Path | None, report: bool, as_json: bool,
+    capture: Path, output: Path, rigid: str, pose: str, pivot: str, sway: str, reference: str, smooth: bool,
+    paper: bool, truth: Path | None, report: bool, as_json: bool,
 ) -> None:  # fmt: skip
     """Take the head's motion out of CAPTURE, a .c3d, .trc or .csv file.
 
@@ -78,24 +83,33 @@ def compensate(
     take = read_capture(capture)
     known = read_truth(truth, take) if truth else None
     labels: str | list[str] = rigid if rigid == "auto" else [part.strip() for part in rigid.split(",") if part.strip()]
+    if paper and smooth:
+        raise click.UsageError("--paper is the method as published; it does not smooth")
     try:
         if paper:
             as_reference = 0 if reference == "mean" else parse_reference(reference)
             result = published.compensate_as_published(take, labels, reference=as_reference)
         else:
             result = compensation.compensate(
-                take, labels, pose=pose, pivot=pivot, sway=parse_sway(sway), reference=parse_reference(reference)
-            )
+                take, labels, pose=pose, pivot=pivot, sway=parse_sway(sway), reference=parse_reference(reference),
+                smooth=smooth,
+            )  # fmt: skip
     except EvalkitError as error:
         raise EvalkitError(f"{capture}: {error}") from error
     errors = errors_against(result, known) if known is not None else None
+    leak = None
+    if report:
+        from evalkit.leak import expression_leak
+
+        with working("looking for expression in the head motion"):
+            leak = expression_leak(take, result)
     with staged(output) as stage:
-        content = write_results(result, stage, capture, errors)
+        content = write_results(result, stage, capture, errors, leak)
         if report:
             from evalkit.report import write_report
 
             with working("comparing methods and writing the report"):
-                write_report(take, result, stage / "report.html", truth=known, source=capture)
+                write_report(take, result, stage / "report.html", truth=known, source=capture, leak=leak)
     if as_json:
         click.echo(json.dumps(content, indent=2))
     else:
@@ -167,6 +181,8 @@ def describe(content: dict[str, Any], output: Path, report: bool) -> str:
             f"against truth: rotation {e['rotation_rms_deg']:.3f} deg rms, pivot {e['pivot_mm']:.2f} mm, "
             f"expression {e['expression_rms_mm']:.3f} mm rms"
         )
+    if content["expression_leak"]:
+        lines.append(f"expression leak: {content['expression_leak']['message']}")
     lines += [f"warning: {warning}" for warning in content["warnings"]]
     lines.append(f"wrote {output / ('report.html' if report else 'compensated.c3d')}")
     return "\n".join(lines)

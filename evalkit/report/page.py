@@ -23,6 +23,7 @@ from evalkit.capture import Capture
 from evalkit.compensation import Compensation
 from evalkit.errors import EvalkitError
 from evalkit.geometry import rotation_angle
+from evalkit.leak import Leak, expression_leak
 from evalkit.metrics import expression_error_mm, pivot_error_mm, rms, rotation_error_deg
 from evalkit.render import pivot_scene_png
 from evalkit.render.markers import HEAD_MM
@@ -50,6 +51,7 @@ def write_report(
     truth: Truth | None = None,
     title: str | None = None,
     source: str | Path | None = None,
+    leak: Leak | None = None,
 ) -> None:
     """Write the report of one take as a single HTML file that needs no network.
 
@@ -70,6 +72,8 @@ def write_report(
         By default the name of the source file.
     source : str or Path, optional
         The capture file, for its name and SHA-256.
+    leak : Leak, optional
+        Computed here if not given.
 
     Raises
     ------
@@ -87,11 +91,13 @@ def write_report(
     if methods is None:
         methods = compare_methods(take, result, truth=truth, max_frames=COMPARED_FRAMES)
     view = View.of(take, result)
+    leak = expression_leak(take, result) if leak is None else leak
     name = title or (Path(source).name if source is not None else "Head motion of a take")
     page = _template().render(
         title=name,
         headline=words.headline(result, view.left_out > 0),
-        cards=_cards(view),
+        cards=_cards(view, leak),
+        leak=leak,
         status=result.status,
         meaning=words.PIVOT_MEANING.get(result.status, ""),
         message=result.estimate.message,
@@ -183,7 +189,7 @@ def _write(path: Path, page: str) -> None:
         raise EvalkitError(f"{path}: cannot write the report ({error.strerror or error})") from error
 
 
-def _cards(view: View) -> list[tuple[str, str, str]]:
+def _cards(view: View, leak: Leak) -> list[tuple[str, str, str]]:
     """The few numbers that a reader wants first: value, unit, what it is."""
     result, ok = view.result, view.ok
     angles = np.degrees(rotation_angle(result.rotations[ok]))
@@ -199,6 +205,8 @@ def _cards(view: View) -> list[tuple[str, str, str]]:
         after = rms(movement_rms(result.capture.points[ok][:, free]))
         moved = f"{words.number(before)} → {words.number(after)}"
         cards.insert(3, (moved, "mm rms", "movement of the other markers, before → after"))
+    if leak.status == "ok":
+        cards.append((words.number(leak.score), "of 1", f"expression leak, p = {leak.p_value:.2g}"))
     return cards
 
 
@@ -212,6 +220,7 @@ def _parameters(view: View) -> list[tuple[str, str]]:
         ("pivot method", result.pivot_method),
         ("reference pose", reference),
         ("sway", f"{result.sway_mode}: {words.sway_words(result)}"),
+        ("smoothing", words.smoothing_words(result)),
         ("local origin of searches", f"({', '.join(words.coordinate(v) for v in result.origin)}) mm"),
     ]
 

@@ -52,6 +52,17 @@ def headline(result: Compensation, body: bool) -> str:
     )
 
 
+def smoothing_words(result: Compensation) -> str:
+    """What smoothing did to the rotations."""
+    done = result.smoothing
+    if done is None:
+        return "none"
+    return (
+        f"acceleration of {number(done.acceleration_deg_s2)} deg/s² rms per axis allowed; predicted rotation error "
+        f"{number(done.measured_deg)} → {number(done.smoothed_deg)} deg rms"
+    )
+
+
 def sway_words(result: Compensation) -> str:
     """What the translation was allowed to be, and what follows for the role of the pivot."""
     if result.sway_used == "per-frame":
