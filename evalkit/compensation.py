@@ -30,9 +30,6 @@ PRIOR_STD_MM = 50.0
 """Standard deviation per axis of what anatomy says of the pivot: necks differ by less, and forehead markers sit
 differently by centimetres; a guess, and a wide one."""
 
-LEADING = 8
-"""Markers, those that tell most of the rotation, from which the pivot is found where skin motion is modelled."""
-
 HELD_OUT_FRAMES = 2000
 HELD_OUT_MARKERS = 8
 """Frames and rigid markers on which the pivot-constrained and the free pose are compared."""
@@ -185,9 +182,7 @@ def compensate(
     posed = pose_or_error(estimator, points, reference, chosen, pose)
     free = sway == "per-frame" or (sway == "auto" and weighted)
     # Markers on skin that tell little of the pose tell less of the pivot.
-    lead = (
-        np.argsort(-chosen.share, kind="stable")[:LEADING] if free and model is not None else np.arange(len(points[0]))
-    )
+    lead = chosen.leading if free else np.arange(len(chosen.columns))
     start = local_origin(take, np.array(chosen.columns)[lead]) if origin is None else checked_point(origin)
     known = (start, PRIOR_STD_MM**2 * np.eye(3)) if prior else None
     options = {

@@ -62,6 +62,22 @@ class RigidMarkers:
             if not len(getattr(self, name)):
                 object.__setattr__(self, name, np.full(len(self.columns), unknown))
 
+    @property
+    def weighted(self) -> bool:
+        """Whether the markers are weighted by how their skin moves."""
+        return bool(np.isfinite(self.share).all())
+
+    @property
+    def leading(self) -> NDArray[np.intp]:
+        """Positions in ``labels`` of the :data:`LEADING` weighted markers that tell most; of all if not weighted."""
+        if not self.weighted:
+            return np.arange(len(self.columns))
+        return np.sort(np.argsort(-self.share, kind="stable")[:LEADING])
+
+
+LEADING = 8
+"""Markers, those that tell most of the rotation, that stand for all where all of a face is weighted."""
+
 
 def choose_rigid(take: Capture, rigid: str | Sequence[str] = "auto", size: int | None = None) -> RigidMarkers:
     """Rigid markers by label, or automatically with ``"auto"``.

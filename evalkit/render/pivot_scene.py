@@ -159,7 +159,9 @@ def pivot_scene_png(
     )
     if left_out:
         words += f"{left_out} points further than {HEAD_MM:.0f} mm from the rigid markers are not drawn. "
-    if len(result.rigid) > MOST_LABELS:
+    if result.chosen.weighted:
+        words += "Rigid: the weighted markers that tell most of the rotation. "
+    if len(result.chosen.leading) > MOST_LABELS:
         words += "There are too many rigid markers to write their names. "
     return words + ellipsoid_caption(result)
 
@@ -196,15 +198,16 @@ class _Content:
 
     @classmethod
     def of(cls, take: Capture, result: Compensation) -> _Content:
-        rigid = result.template
-        rest = np.setdiff1d(head_columns(take, result), result.chosen.columns)
+        leading = result.chosen.leading
+        rigid = result.template[leading]
+        rest = np.setdiff1d(head_columns(take, result), np.array(result.chosen.columns)[leading])
         free = median_places(result.capture.points[:, rest])
         far = pivot_is_far(result)
         pivot = pivot_as_drawn(result)
         corners, faces = ellipsoid_surface(pivot_ellipsoid(result), pivot)
         if far:
             corners, faces = corners[:0], faces[:0]
-        names = list(result.rigid) if len(result.rigid) <= MOST_LABELS else []
+        names = [result.rigid[k] for k in leading] if len(leading) <= MOST_LABELS else []
         return cls(rigid, free, names, pivot, far, corners, faces)
 
     @property

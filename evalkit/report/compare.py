@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from evalkit.capture import Capture
-from evalkit.compensation import LEADING, Compensation, compensate
+from evalkit.compensation import Compensation, compensate
 from evalkit.errors import EvalkitError, FrameStatus
 from evalkit.geometry import Array, apply_motion, undo_motion
 from evalkit.metrics import expression_error_mm, pivot_error_mm, rms, rotation_error_deg
@@ -76,8 +76,7 @@ def compare_methods(
     rigid, own = result.rigid, []
     if pose not in pose_estimators:
         # Markers weighted by their skin: the others, which cannot weight so, get those that tell most.
-        best = np.sort(np.argsort(-result.chosen.share, kind="stable")[:LEADING])
-        rigid, own, pose = [result.rigid[k] for k in best], [_weighted(take, result, truth)], "svd"
+        rigid, own, pose = [result.rigid[k] for k in result.chosen.leading], [_weighted(take, result, truth)], "svd"
     some, reference = _some_frames(take.frames, max_frames, result.reference)
     # The rate of the thinned take keeps seconds what they are.
     rate = take.rate * max(len(some) - 1, 1) / max(take.frames - 1, 1)

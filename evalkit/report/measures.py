@@ -29,7 +29,7 @@ class View:
     columns : ndarray of int
         Markers shown.
     rigid : ndarray of bool
-        Which of them are rigid.
+        Which of them are rigid; of weighted markers, those that tell most.
     left, up, forward : ndarray, shape (3,)
         The performer's directions in world axes.
     centre : ndarray, shape (3,), mm
@@ -66,7 +66,7 @@ class View:
         path = result.rotations @ centre + result.translations - centre
         ok = result.frame_status == FrameStatus.OK
         walking = bool(np.ptp(path[ok], axis=0).max(initial=0.0) > WALK_MM)
-        rigid = np.isin(columns, result.chosen.columns)
+        rigid = np.isin(columns, np.array(result.chosen.columns)[result.chosen.leading])
         left_out = len(position_columns(take)) - len(columns)
         left = np.cross(up, forward)
         return cls(take, result, columns, rigid, left, up, forward, centre, ok, path, left_out, walking)

@@ -120,6 +120,7 @@ def write_report(
         ellipsoid=ellipsoid_caption(result),
         pivot=_pivot_rows(result),
         movement=_movement(view),
+        weighted=result.chosen.weighted,
         rigid=_rigid_rows(view),
         rigid_reason=result.chosen.reason,
         pairs=_pair_rows(result),
@@ -264,6 +265,8 @@ def _rigid_rows(view: View) -> list[dict[str, Any]]:
             "seen": seen[k],
             "residual": float(result.marker_residual[k]),
             "share": float(np.nan_to_num(result.marker_residual[k] / largest)),
+            "skin": float(result.chosen.skin_std[k]),
+            "told": float(result.chosen.share[k]),
             "before": float(before[k]),
             "after": float(after[k]),
         }
@@ -273,7 +276,8 @@ def _rigid_rows(view: View) -> list[dict[str, Any]]:
 
 def _pair_rows(result: Compensation) -> dict[str, Any]:
     """Distances between rigid markers, those that vary most first."""
-    first, second = np.triu_indices(len(result.rigid), 1)
+    leading = result.chosen.leading
+    first, second = (leading[part] for part in np.triu_indices(len(leading), 1))
     mean, std = result.chosen.pair_mean[first, second], result.chosen.pair_std[first, second]
     order = np.argsort(-np.nan_to_num(std), kind="stable")
     rows = [

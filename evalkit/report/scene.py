@@ -85,8 +85,9 @@ def _markers(
 def _pivot(result: Compensation) -> list[dict[str, Any]]:
     """Pivot, its ellipsoid and the lines to the rigid markers."""
     towards = pivot_as_drawn(result)
-    lines = np.full((3 * len(result.template), 3), np.nan)
-    lines[0::3], lines[1::3] = result.template, towards
+    rigid = result.template[result.chosen.leading]
+    lines = np.full((3 * len(rigid), 3), np.nan)
+    lines[0::3], lines[1::3] = rigid, towards
     traces: list[dict[str, Any]] = [
         {
             "type": "scatter3d", "mode": "lines", "name": "lines to the pivot", **_xyz(lines),

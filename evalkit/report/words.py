@@ -46,8 +46,9 @@ def headline(result: Compensation, body: bool) -> str:
     ok = int((result.frame_status == FrameStatus.OK).sum())
     frames = result.capture.frames
     part = f"all {frames:,} frames" if ok == frames else f"{ok:,} of {frames:,} frames ({ok / frames:.0%})"
+    markers = "markers, weighted by how their skin moves," if result.chosen.weighted else "rigid markers"
     return (
-        f"The head's motion was estimated from {len(result.rigid)} rigid markers and taken out of {part}; "
+        f"The head's motion was estimated from {len(result.rigid)} {markers} and taken out of {part}; "
         f"what remains is motion {'relative to the head' if body else 'of the face'}."
     )
 
