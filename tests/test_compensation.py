@@ -9,7 +9,7 @@ from oracles import pose_oracles as slow
 import evalkit
 from evalkit.capture.origin import local_origin, screen_axes, translate
 from evalkit.errors import CaptureError, EvalkitError, FrameStatus
-from evalkit.geometry import apply_motion, undo_motion
+from evalkit.geometry import apply_motion, rotation_from_vector, undo_motion
 from evalkit.metrics import expression_error_mm, pivot_error_mm, rotation_error_deg
 
 SHORT = {"frames": 240}
@@ -490,3 +490,19 @@ def test_local_origin_of_unseen_markers_is_refused(clean):
     take, truth = clean
     with pytest.raises(EvalkitError, match="missing in every frame"):
         local_origin(take.with_points(np.full_like(take.points, np.nan)), take.indices(truth.rigid))
+
+
+def test_a_neck_of_two_joints_is_not_explained_by_one_pivot():
+    """Nods about one centre and turns about another, 60 mm behind: said in words, and no word about a single joint."""
+    take, truth = evalkit.synthesize("talking", seed=1, noise=0.1)
+    angles = np.radians(20.0) * np.sin(np.arange(take.frames)[:, None] / take.rate * np.array([2.3, 1.1]))
+    nod, turn = (rotation_from_vector(angles[:, [k]] * np.eye(3)[k]) for k in (0, 1))
+    upper, lower = truth.pivot, truth.pivot - [0.0, 10.0, 60.0]
+    noise = np.random.default_rng(0).normal(scale=0.1, size=take.points.shape)
+    for joint, expected in ((lower, True), (upper, False)):
+        nodded = apply_motion(nod, upper - nod @ upper, truth.clean)
+        points = apply_motion(turn, joint - turn @ joint, nodded) + noise
+        result = evalkit.compensate(take.with_points(points), rigid=truth.rigid)
+        said = any("one fixed pivot does not explain" in warning for warning in result.warnings)
+        assert said is expected, result.warnings
+        assert (result.sway_used == "none") is not expected
