@@ -133,9 +133,7 @@ def take_apart(raw: bytes, frames: int | None = None) -> Taken:
     markers, analog, first, last = words[:4]
     data = (words[7] - 1) * 512
     integer = get_real(raw[12:16], processor) > 0
-    taken = Taken(
-        raw, processor, raw[:512], entries, data, markers, analog, integer, frames or last - first + 1
-    )
+    taken = Taken(raw, processor, raw[:512], entries, data, markers, analog, integer, frames or last - first + 1)
     width = taken.width
     cursor = data
     for _ in range(taken.frames):
