@@ -250,9 +250,25 @@ def test_smoothing_and_leak_reach_the_summary(tmp_path):
     assert sorted(p.name for p in (tmp_path / "smooth").iterdir())[-2:] == ["report.html", "summary.json"]
 
 
-def test_the_published_method_does_not_smooth(tmp_path, take_path):
-    ran = run("compensate", take_path, "-o", tmp_path / "out", "--paper", "--smooth")
-    assert ran.returncode == 2 and "smooth" in ran.stderr
+@pytest.mark.parametrize("extra", [["--smooth"], ["--pose", "svd"], ["--pivot", "joint"], ["--sway", "auto"]])
+def test_the_published_method_refuses_what_it_would_ignore(extra, tmp_path, take_path):
+    ran = run("compensate", take_path, "-o", tmp_path / "out", "--paper", *extra)
+    assert ran.returncode == 2 and extra[0] in ran.stderr and not (tmp_path / "out").exists()
+
+
+def test_the_published_method_takes_the_reference_that_is_asked_for(tmp_path):
+    arguments = [
+        bundled_take("talking")[0],
+        "--paper",
+        "--reference",
+        "mean",
+        "--rigid",
+        RIGID,
+        "--no-report",
+        "--json",
+    ]
+    ran = run("compensate", *arguments, "-o", tmp_path / "out")
+    assert ran.returncode == 0 and json.loads(ran.stdout)["method"]["reference"] == "mean", ran.stderr
 
 
 @pytest.mark.slow

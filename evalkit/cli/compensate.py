@@ -48,7 +48,10 @@ from evalkit.errors import EvalkitError
     help="Smooth the rotations over time, by as much as the take asks for; blurs single jerks.",
 )
 @click.option(
-    "--paper", is_flag=True, help="The method of Huang et al. 2000 as published, against frame 0; three rigid markers."
+    "--paper",
+    is_flag=True,
+    help="The method of Huang et al. 2000 as published, against frame 0 unless --reference says otherwise; three "
+    "rigid markers.",
 )
 @click.option(
     "--truth",
@@ -72,6 +75,12 @@ def compensate(
     Example:
         evalkit compensate take.c3d -o out --rigid ForeHead_M,ForeHead_L,ForeHead_R,NoseTop
     """
+    given = click.get_current_context().get_parameter_source
+    for name in ("pose", "pivot", "sway", "smooth"):
+        if paper and given(name) is not click.core.ParameterSource.DEFAULT:
+            raise click.UsageError(f"--paper is the method as published; leave --{name} out")
+    if paper and given("reference") is click.core.ParameterSource.DEFAULT:
+        reference = "0"
     from evalkit import compensation, published
     from evalkit.capture import read_capture
     from evalkit.results import check_output, staged, write_results
@@ -83,12 +92,9 @@ def compensate(
     take = read_capture(capture)
     known = read_truth(truth, take) if truth else None
     labels: str | list[str] = rigid if rigid == "auto" else [part.strip() for part in rigid.split(",") if part.strip()]
-    if paper and smooth:
-        raise click.UsageError("--paper is the method as published; it does not smooth")
     try:
         if paper:
-            as_reference = 0 if reference == "mean" else parse_reference(reference)
-            result = published.compensate_as_published(take, labels, reference=as_reference)
+            result = published.compensate_as_published(take, labels, reference=parse_reference(reference))
         else:
             result = compensation.compensate(
                 take, labels, pose=pose, pivot=pivot, sway=parse_sway(sway), reference=parse_reference(reference),
