@@ -12,7 +12,7 @@ import pytest
 PACKAGE = Path(__file__).resolve().parents[1] / "evalkit"
 
 LEVELS = [
-    {"errors", "seeds", "geometry", "bundled"},
+    {"errors", "seeds", "geometry", "bundled", "plugins"},
     {"capture", "synthetic"},
     {"pose", "pivot"},
     {"compensation", "published", "leak", "deform", "transfer", "control", "vision", "head"},

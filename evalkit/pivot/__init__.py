@@ -6,8 +6,9 @@ from evalkit.pivot.model import Pivot, PivotEstimator
 from evalkit.pivot.nlopt_search import entries
 from evalkit.pivot.six_directions import six_directions
 from evalkit.pivot.sphere import gamage_lasenby, sphere
+from evalkit.plugins import Table
 
-pivot_estimators: dict[str, PivotEstimator] = {
+OWN: dict[str, PivotEstimator] = {
     "joint": PivotEstimator(
         joint, "maximum likelihood of shape, pivot, sway and rotations", "this package; Triggs et al. 2000", turns=True
     ),
@@ -18,6 +19,9 @@ pivot_estimators: dict[str, PivotEstimator] = {
     "six-directions": PivotEstimator(six_directions, "the paper's objective and search", "Huang et al. 2000"),
     **entries(),
 }
-"""Name to estimator; tests, the command line, studies and figures take their lists from here."""
+"""The estimators of this package."""
+
+pivot_estimators = Table(OWN, "evalkit.pivot", PivotEstimator)
+"""Name to estimator, plugins included; tests, the command line, studies and figures take their lists from here."""
 
 __all__ = ["Pivot", "PivotEstimator", "pivot_estimators"]

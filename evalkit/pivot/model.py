@@ -83,12 +83,18 @@ class PivotEstimator:
         One line on the method, and the paper it comes from.
     turns : bool
         Whether it gives poses of its own, turned about the pivot, and models the sway.
+    origin : str
+        Name and version of the package it comes from, empty for evalkit's own.
+    peer : bool
+        Whether another package's method is called for comparison: such entries answer as that package does.
     """
 
     function: Callable[..., Pivot]
     summary: str
     source: str
     turns: bool = False
+    origin: str = ""
+    peer: bool = False
 
     def __call__(self, points: Array, pose: Pose, **options: Any) -> Pivot:
         """Estimate the pivot."""

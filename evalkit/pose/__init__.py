@@ -1,5 +1,6 @@
 """Head pose per frame from the rigid markers: one file per estimator, one line each in the table below."""
 
+from evalkit.plugins import Table
 from evalkit.pose.horn import horn
 from evalkit.pose.model import Pose, PoseEstimator
 from evalkit.pose.qcp import qcp
@@ -8,7 +9,7 @@ from evalkit.pose.robust import robust
 from evalkit.pose.svd import svd
 from evalkit.pose.translation_invariants import translation_invariants, translation_invariants_raw
 
-pose_estimators: dict[str, PoseEstimator] = {
+OWN: dict[str, PoseEstimator] = {
     "svd": PoseEstimator(svd, "least squares by singular values, weights, any number of markers", "Kabsch 1976"),
     "horn": PoseEstimator(horn, "least squares by unit quaternions, eigenvector", "Horn 1987"),
     "qcp": PoseEstimator(qcp, "least squares by the quaternion polynomial, the fastest", "Theobald 2005"),
@@ -24,6 +25,9 @@ pose_estimators: dict[str, PoseEstimator] = {
         orthogonal=False,
     ),
 }
-"""Name to estimator; tests, the command line, studies and figures take their lists from here."""
+"""The estimators of this package."""
+
+pose_estimators = Table(OWN, "evalkit.pose", PoseEstimator)
+"""Name to estimator, plugins included; tests, the command line, studies and figures take their lists from here."""
 
 __all__ = ["Pose", "PoseEstimator", "pose_estimators", "reference_pose"]

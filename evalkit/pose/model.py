@@ -68,6 +68,10 @@ class PoseEstimator:
         The only number of markers that the method takes, or None for any number from three.
     orthogonal : bool
         Whether the result is a rotation; the paper's own is not under noise.
+    origin : str
+        Name and version of the package it comes from, empty for evalkit's own.
+    peer : bool
+        Whether another package's method is called for comparison: such entries answer as that package does.
     """
 
     function: Callable[..., Pose]
@@ -75,6 +79,8 @@ class PoseEstimator:
     source: str
     markers: int | None = None
     orthogonal: bool = True
+    origin: str = ""
+    peer: bool = False
 
     def __call__(self, template: ArrayLike, points: ArrayLike, weights: ArrayLike | None = None) -> Pose:
         """Estimate the pose of every frame."""
