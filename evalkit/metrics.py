@@ -97,3 +97,27 @@ def rms(values: ArrayLike) -> float:
     array = np.asarray(values, dtype=np.float64)
     array = array[np.isfinite(array)]
     return float(np.sqrt(np.mean(array**2))) if array.size else float("nan")
+
+
+def normalised_square(error: ArrayLike, covariance: ArrayLike) -> float:
+    """Squared error in units of a stated covariance, per coordinate: ``e' C^-1 e / d``.
+
+    d is the number of coordinates with a finite variance; only those count. If the covariance is honest and the
+    error Gaussian, d times this follows a chi-square distribution with d degrees of freedom, and its mean is 1.
+
+    Parameters
+    ----------
+    error : array_like, shape (n,)
+    covariance : array_like, shape (n, n)
+        Infinite where nothing is known.
+
+    Returns
+    -------
+    float
+        NaN if no coordinate has a finite variance.
+    """
+    e, cov = np.asarray(error, dtype=np.float64), np.asarray(covariance, dtype=np.float64)
+    shown = np.isfinite(np.diag(cov))
+    if not shown.any():
+        return float("nan")
+    return float(e[shown] @ np.linalg.solve(cov[np.ix_(shown, shown)], e[shown])) / int(shown.sum())

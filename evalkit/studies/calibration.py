@@ -78,7 +78,7 @@ def cells(seeds: int) -> list[Cell]:
 
 def measured(cell: Cell) -> list[Row]:
     """One row for every method on one take: its errors and the bound."""
-    from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
+    from threadpoolctl import threadpool_limits
 
     experiment, noise, reach, sway, seed = cell
     with threadpool_limits(1):  # sums in the same order on every machine and for any number of jobs
