@@ -14,7 +14,7 @@ PACKAGE = Path(__file__).resolve().parents[1] / "evalkit"
 LEVELS = [
     {"errors", "seeds", "geometry", "bundled", "plugins"},
     {"capture", "synthetic"},
-    {"pose", "pivot"},
+    {"pose", "pivot", "peers"},
     {"compensation", "published", "leak", "deform", "transfer", "control", "vision", "head"},
     {"metrics", "results"},
     {"study", "render"},
@@ -27,6 +27,7 @@ JUDGED = {
     "capture",
     "pose",
     "pivot",
+    "peers",
     "compensation",
     "published",
     "leak",

@@ -1,5 +1,6 @@
 """Centre of rotation of the head: one file per family of estimators, one line each in the table below."""
 
+from evalkit.peers.pivot import pivot_peers
 from evalkit.pivot.algebraic import score, svd
 from evalkit.pivot.joint import joint
 from evalkit.pivot.model import Pivot, PivotEstimator
@@ -21,7 +22,7 @@ OWN: dict[str, PivotEstimator] = {
 }
 """The estimators of this package."""
 
-pivot_estimators = Table(OWN, "evalkit.pivot", PivotEstimator)
-"""Name to estimator, plugins included; tests, the command line, studies and figures take their lists from here."""
+pivot_estimators = Table({**OWN, **pivot_peers()}, "evalkit.pivot", PivotEstimator)
+"""Name to estimator, peers and plugins included; whoever lists or crosses methods takes them from here."""
 
 __all__ = ["Pivot", "PivotEstimator", "pivot_estimators"]

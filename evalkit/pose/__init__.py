@@ -1,5 +1,6 @@
 """Head pose per frame from the rigid markers: one file per estimator, one line each in the table below."""
 
+from evalkit.peers.pose import pose_peers
 from evalkit.plugins import Table
 from evalkit.pose.horn import horn
 from evalkit.pose.model import Pose, PoseEstimator
@@ -27,7 +28,7 @@ OWN: dict[str, PoseEstimator] = {
 }
 """The estimators of this package."""
 
-pose_estimators = Table(OWN, "evalkit.pose", PoseEstimator)
-"""Name to estimator, plugins included; tests, the command line, studies and figures take their lists from here."""
+pose_estimators = Table({**OWN, **pose_peers()}, "evalkit.pose", PoseEstimator)
+"""Name to estimator, peers and plugins included; whoever lists or crosses methods takes them from here."""
 
 __all__ = ["Pose", "PoseEstimator", "pose_estimators", "reference_pose"]

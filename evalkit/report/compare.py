@@ -88,8 +88,9 @@ def compare_methods(
         "origin": result.origin,
         "prior": False,
     }
-    pairs = [("pose", name, name, pivot) for name in pose_estimators]
-    pairs += [("pivot", name, pose, name) for name in pivot_estimators]
+    # Peers are for studies: some go through the frames one by one, and they are not evalkit's to recommend.
+    pairs = [("pose", name, name, pivot) for name, entry in pose_estimators.items() if not entry.peer]
+    pairs += [("pivot", name, pose, name) for name, entry in pivot_estimators.items() if not entry.peer]
     held_out: dict[tuple[str, str], float] = {}
     rows = [_raw(thin, result, some, truth), *own]
     for done, (kind, name, with_pose, with_pivot) in enumerate(pairs):
