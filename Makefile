@@ -27,7 +27,8 @@ demo: $(VENV)/installed
 	$(BIN)/evalkit demo -o $(DEMO)
 
 test: $(VENV)/installed-test lint types
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n 2 -m "not slow and not timing"
+	$(BIN)/python -m pytest -m "timing and not slow"
 
 test-slow: $(VENV)/installed-test
 	$(BIN)/python -m pytest -m slow

@@ -393,6 +393,7 @@ def best_time(function, *arguments, rounds=5):
     return min(times)
 
 
+@pytest.mark.timing
 def test_the_bound_and_the_spline_are_linear_in_frames(record_property):
     """Five times the frames: a quadratic cost would be 25 times as long, a linear one five, and caches cost some."""
     ratios = {}

@@ -33,6 +33,7 @@ def long_file(folder: Path, frames: int) -> Path:
     return path
 
 
+@pytest.mark.timing
 def test_reading_is_ten_times_faster_than_ezc3d(tmp_path):
     ezc3d = pytest.importorskip("ezc3d")
     path = long_file(tmp_path, 20_000)
@@ -42,6 +43,7 @@ def test_reading_is_ten_times_faster_than_ezc3d(tmp_path):
     assert theirs / ours > 10, f"ours {ours * 1e3:.1f} ms, ezc3d {theirs * 1e3:.1f} ms"
 
 
+@pytest.mark.timing
 def test_a_processed_copy_costs_a_fraction_of_ezc3d(tmp_path):
     ezc3d = pytest.importorskip("ezc3d")
     path = long_file(tmp_path, 60_000)

@@ -272,6 +272,7 @@ def test_damaged_text_is_refused_or_read_in_full(tmp_path, extension, text):
                 assert take.frames == 3
 
 
+@pytest.mark.timing
 @pytest.mark.parametrize("extension", ["trc", "csv"])
 def test_long_takes_take_seconds(tmp_path, extension):
     take = Capture(RNG.normal(0, 200, (20_000, 23, 3)), [f"M{k}" for k in range(23)], 120.0)

@@ -271,6 +271,7 @@ def test_the_published_method_takes_the_reference_that_is_asked_for(tmp_path):
     assert ran.returncode == 0 and json.loads(ran.stdout)["method"]["reference"] == "mean", ran.stderr
 
 
+@pytest.mark.timing
 @pytest.mark.slow
 def test_60000_frames_take_half_the_time_of_ezc3d(tmp_path):
     """Reading, SVD poses and pivot, and every file written, as one process, beside bare reading and writing."""

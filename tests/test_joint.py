@@ -659,6 +659,7 @@ def timed(frames, sway, rounds=3):
     return best_time(lambda: joint(points, pose, sway=sway), rounds)
 
 
+@pytest.mark.timing
 @pytest.mark.parametrize("sway", ["none", 0.625])
 def test_time_is_linear_in_frames(sway, record_property):
     """Ten times the frames, at most 15 times as long: caches cost some, a quadratic cost would be 100."""
@@ -667,6 +668,7 @@ def test_time_is_linear_in_frames(sway, record_property):
     assert many / few < 15
 
 
+@pytest.mark.timing
 @pytest.mark.slow
 @pytest.mark.parametrize("sway", ["none", 0.625, "auto"])
 def test_time_is_linear_up_to_a_hundred_thousand_frames(sway, record_property):
@@ -685,6 +687,7 @@ MULTIPLES = [
 ]
 
 
+@pytest.mark.timing
 @pytest.mark.parametrize(("frames", "sway", "limit"), MULTIPLES)
 def test_time_against_the_free_poses(frames, sway, limit, record_property):
     """A multiple of the batched svd poses of the same frames in the same run."""

@@ -232,6 +232,7 @@ def test_real_takes():
     assert 0.1 < scores["jaw"] < scores["cheeks"] < 0.9
 
 
+@pytest.mark.timing
 @pytest.mark.slow
 def test_cost_is_linear_in_frames():
     seconds = []

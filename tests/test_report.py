@@ -227,6 +227,7 @@ def test_without_the_libraries_the_report_says_what_to_install(tmp_path: Path, m
     assert "sudo apt-get install libegl1 libgl1-mesa-dri" in page.text
 
 
+@pytest.mark.timing
 def test_long_takes_are_drawn_in_reasonable_time(tmp_path: Path) -> None:
     take, truth = evalkit.synthesize("talking", seed=0, frames=120)
     repeats = 60_000 // take.frames

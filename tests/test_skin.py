@@ -293,6 +293,7 @@ def test_control_shuffled_scatters_are_worse():
     assert shuffled > 2 * right
 
 
+@pytest.mark.timing
 def test_cost_is_that_of_a_fixed_number_of_frames_and_one_pass():
     take, _ = synthesize("talking", seed=0, frames=20_000)
     start = time.perf_counter()

@@ -274,6 +274,7 @@ def test_table_of_the_gain(capsys):
     assert own[0] < own[3] < own[6] and own[8] < turned[8] and own[6] > turned[6]
 
 
+@pytest.mark.timing
 @pytest.mark.slow
 def test_cost_is_linear_in_frames():
     seconds = []
