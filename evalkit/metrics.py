@@ -6,10 +6,23 @@ compared after the one constant rotation that fits best, positions after the one
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import ArrayLike
 
 from evalkit.geometry import Array, mean_rotation, nearest_rotation, rotation_angle
+
+REGIONS = {
+    "forehead": ("Forehead", "Temple"),
+    "brows": ("Brow",),
+    "lids": ("Lid", "Eye"),
+    "nose": ("Nose", "Nasion"),
+    "cheeks": ("Cheek", "Fold"),
+    "mouth": ("UpperLip", "LowerLip", "Mouth"),
+    "chin": ("Chin", "Jaw"),
+}
+"""Region of the face -> how the labels of its markers begin, in the layouts of the synthetic takes."""
 
 
 def rotation_error_deg(estimate: ArrayLike, truth: ArrayLike, ok: ArrayLike | None = None) -> Array:
@@ -89,6 +102,67 @@ def expression_error_mm(compensated: ArrayLike, truth: ArrayLike) -> Array:
     mean_a, mean_b = a.mean(axis=0), b.mean(axis=0)
     rotation = nearest_rotation((b - mean_b).T @ (a - mean_a))
     out[seen] = np.linalg.norm((a - mean_a) @ rotation.T + mean_b - b, axis=1)
+    return out
+
+
+def error_by_region_mm(errors: ArrayLike, labels: Sequence[str]) -> dict[str, float]:
+    """Error of the markers of each region of the face: ``sqrt(mean e²)`` over its markers and all frames.
+
+    Parameters
+    ----------
+    errors : array_like, shape (F, M), mm
+        As of :func:`expression_error_mm`, NaN where missing: one alignment for the whole face, so that the region
+        that a wrong head motion spoils most is seen to be.
+    labels : sequence of str, length M
+
+    Returns
+    -------
+    dict of str to float
+        Region, every one of :data:`REGIONS`, to mm; NaN where no marker of it was seen. Markers of no region are
+        left out.
+    """
+    e = np.asarray(errors, dtype=np.float64)
+    return {
+        region: rms(e[:, [label.startswith(beginnings) for label in labels]]) for region, beginnings in REGIONS.items()
+    }
+
+
+def translation_error_mm(
+    rotations: ArrayLike,
+    translations: ArrayLike,
+    true_rotations: ArrayLike,
+    true_translations: ArrayLike,
+    point: ArrayLike,
+    ok: ArrayLike | None = None,
+) -> Array:
+    """Distance of a point of the head, carried by the estimated motion, from its true place in every frame.
+
+    ``|R_est h + T_est - x|`` with ``x = R_true c + T_true`` the true path of the point c, and h the one point that
+    follows this path best in the estimate, ``h = (sum_i R_est' R_est)^-1 sum_i R_est' (x - T_est)``. T by itself is the
+    path of the world's origin and says as much of the rotation as of the head's place; choosing h removes the choice
+    of reference pose and nothing else.
+
+    Parameters
+    ----------
+    rotations, true_rotations : array_like, shape (F, 3, 3)
+    translations, true_translations : array_like, shape (F, 3), mm
+    point : array_like, shape (3,), mm
+        c, in the true head frame: the rigid markers' centroid, say.
+    ok : array_like of bool, shape (F,), optional
+        Frames to compare; by default those without NaN in the estimate.
+
+    Returns
+    -------
+    ndarray, shape (F,), mm, NaN in other frames
+    """
+    r, t = np.asarray(rotations, dtype=np.float64), np.asarray(translations, dtype=np.float64)
+    path = np.asarray(true_rotations, dtype=np.float64) @ np.asarray(point, dtype=np.float64) + true_translations
+    used = np.isfinite(r).all(axis=(1, 2)) & np.isfinite(t).all(axis=1) if ok is None else np.asarray(ok, dtype=bool)
+    out = np.full(len(r), np.nan)
+    if used.any():
+        r, t, path = r[used], t[used], path[used]
+        here = np.linalg.solve(np.einsum("fji,fjk->ik", r, r), np.einsum("fji,fj->i", r, path - t))
+        out[used] = np.linalg.norm(r @ here + t - path, axis=1)
     return out
 
 

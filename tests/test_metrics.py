@@ -6,6 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from evalkit import metrics
 from evalkit.synthetic import synthesize
+from evalkit.synthetic.layouts import LAYOUTS
 
 # Angles and lengths of about one, through a handful of products of matrices.
 ROUNDING = 1e-9
@@ -60,3 +61,40 @@ def test_missing_frames_and_markers_are_left_out(truth):
     seen = metrics.expression_error_mm(still, truth.clean)
     assert np.isnan(seen[5, 2]) and np.isfinite(seen).sum() == seen.size - 1
     assert np.isnan(metrics.rms([np.nan]))
+
+
+def test_truth_has_no_translation_error_whatever_the_reference_pose(truth):
+    r, t, point = truth.rotations, truth.translations, truth.neutral[:3].mean(axis=0)
+    assert metrics.rms(metrics.translation_error_mm(r, t, r, t, point)) < 1e-9 * np.abs(t).max()  # digits of metres
+    gauge, shift = turned(17.0), np.array([30.0, -20.0, 10.0])
+    other = metrics.translation_error_mm(r @ gauge, r @ shift + t, r, t, point)
+    assert metrics.rms(other) < 1e-9 * np.abs(t).max()
+
+
+def test_a_head_put_beside_its_place_is_as_far_off_as_it_was_put(truth):
+    r, t, point = truth.rotations, truth.translations.copy(), truth.neutral[:3].mean(axis=0)
+    sign = np.where(np.arange(200) % 2, 1.0, -1.0)[:, None]
+    # In head axes and to either side in turn: no other point of the head explains any of it.
+    off = np.einsum("fij,fj->fi", r, sign * [0.0, 3.0, 4.0])
+    np.testing.assert_allclose(metrics.translation_error_mm(r, t + off, r, t, point), 5.0, atol=1e-6)
+    t[7] = np.nan
+    found = metrics.translation_error_mm(r, t, r, truth.translations, point)
+    assert np.isnan(found[7]) and np.isfinite(np.delete(found, 7)).all()
+
+
+def test_errors_are_told_apart_by_region(truth):
+    exact = metrics.expression_error_mm(truth.clean, truth.clean)
+    assert max(metrics.error_by_region_mm(exact, truth.labels).values()) < ROUNDING
+    errors = np.zeros((10, len(truth.labels)))
+    errors[:, [label.startswith(("BrowIn", "BrowOut")) for label in truth.labels]] = 2.0
+    errors[:, truth.labels.index("Chin")] = [3.0, np.nan] * 5
+    found = metrics.error_by_region_mm(errors, truth.labels)
+    assert found.pop("brows") == 2.0 and found.pop("chin") == 3.0
+    assert set(found.values()) == {0.0}
+    assert np.isnan(metrics.error_by_region_mm(errors[:, :3], truth.labels[:3])["mouth"])
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_every_marker_of_the_layouts_has_one_region(layout):
+    for label in LAYOUTS[layout].sites:
+        assert sum(label.startswith(beginnings) for beginnings in metrics.REGIONS.values()) == 1, label
