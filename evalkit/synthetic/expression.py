@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evalkit.seeds import generator
-from evalkit.synthetic.faults import BLOCK
 from evalkit.synthetic.motion import minimum_jerk
+from evalkit.synthetic.noise import BLOCK
 from evalkit.synthetic.performer import Performer
 
 JAW_DEG = 15.0
@@ -86,6 +86,17 @@ SLIDES = {"brow_up": "forehead_up", "brow_down": "forehead_down"}
 """Brow unit -> unit by which the forehead skin, and the rigid markers on it, slide with it."""
 
 
+ONE_SIDED = ("brow_up", "brow_down", "smile")
+"""Units that differ between the sides if asymmetry is asked for."""
+
+SIDE_BLEND_MM = 15.0
+"""Distance from the middle of the face over which one side's strength passes into the other's, mm."""
+
+BONE_LINE_MM = (60.0, 36.0)
+"""Height in the head frame over which the slide of rigid markers fades, from the brows down to the bridge of the
+nose, where skin is thin and holds to the bone, mm."""
+
+
 @dataclass(frozen=True)
 class Pattern:
     """What a performer does now and then.
@@ -146,6 +157,26 @@ def displacement_field(pulls: Sequence[Pull], sites: NDArray[np.float64]) -> NDA
             distance2 = ((sites - mirror * pull.centre) ** 2).sum(axis=1)
             field += np.exp(-distance2 / (2 * pull.radius**2))[:, None] * (mirror * pull.move)
     return field
+
+
+def bone_share(sites: NDArray[np.float64]) -> NDArray[np.float64]:
+    """How far the skin at each site can slide over the bone: 1 on the forehead, 0 on the nose, shape (M,)."""
+    top, bottom = BONE_LINE_MM
+    return minimum_jerk((sites[:, 1] - bottom) / (top - bottom))
+
+
+def side_strength(sites: NDArray[np.float64], asymmetry: float) -> NDArray[np.float64]:
+    """Strength of a one-sided expression at each site, shape (M,).
+
+    Parameters
+    ----------
+    sites : ndarray, shape (M, 3)
+        Head frame, mm.
+    asymmetry : float
+        0: both sides at full strength. 1: the performer's left alone; -1: the right alone.
+    """
+    left, right = min(1.0, 1.0 + asymmetry), min(1.0, 1.0 - asymmetry)
+    return right + (left - right) * minimum_jerk(0.5 + 0.5 * sites[:, 0] / SIDE_BLEND_MM)
 
 
 def _event(
@@ -231,6 +262,7 @@ def express(
     liveliness: float = 1.0,
     skin: float = 0.0,
     seed: int = 0,
+    asymmetry: float = 0.0,
 ) -> NDArray[np.float64]:
     """Expression displacements E of every marker in the head frame.
 
@@ -251,6 +283,8 @@ def express(
         strength, mm. At 0 the rigid markers have E = 0 exactly.
     seed : int
         Seed.
+    asymmetry : float
+        How one-sided smiles and brows are, -1 (right only) to 1 (left only), see `side_strength`.
 
     Returns
     -------
@@ -265,6 +299,9 @@ def express(
     for unit, curve in units.items():
         field = amplitude * displacement_field(UNITS[unit], sites)
         field[rigid] = skin * displacement_field(UNITS[SLIDES[unit]], sites[rigid]) if unit in SLIDES else 0.0
+        field[rigid] *= bone_share(sites[rigid])[:, None]
+        if unit in ONE_SIDED:
+            field *= side_strength(sites, asymmetry)[:, None]
         if field.any():
             curves.append(curve)
             fields.append((field * performer.size).ravel())

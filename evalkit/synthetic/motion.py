@@ -1,13 +1,14 @@
-"""Head motion: smooth angles of nod, turn and tilt, and the slow sway of the neck itself.
+"""Head motion: smooth angles of nod, turn and tilt.
 
-Angles are made of what people do with their heads in conversation: postures that are held and then left
-for another one (minimum-jerk changes with pauses between them), short bursts of nodding or shaking at one
-to two cycles a second, and a slight wander, so that a head is never perfectly still.
+Angles are made of what people do with their heads: postures that are held and then left for another one
+(minimum-jerk changes with pauses between them), short bursts of nodding or shaking, and a slight wander, so that
+a head is never perfectly still. A `Profile` says how much of each; `PROFILES` names them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,14 +19,86 @@ AXES = ("nod", "turn", "tilt")
 """The three angles: nod about x (positive: face down), turn about y (positive: to the performer's left),
 tilt about z (positive: towards the right shoulder)."""
 
-BURST_HZ = (1.2, 2.4)
-"""Cycles per second of a nodding or shaking burst."""
-
 WANDER_HZ = (0.1, 0.8)
 """Band of the slight wander, Hz."""
 
-SWAY_SHARE = np.array([1.0, 0.4, 0.8])
-"""Relative size of the sway along x, y and z: a standing body sways sideways and to and fro, less up."""
+WANDER = 0.015
+"""Size of the slight wander, a share of the range."""
+
+Pair = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Profile:
+    """How a head moves in time. Pairs are the lowest and highest of a uniform draw, unless they say otherwise.
+
+    Parameters
+    ----------
+    text : str
+        One line on what it is.
+    hold_s : (float, float)
+        Shortest hold of a posture and the mean of what comes on top (exponential), s.
+    shortest_s : float
+        Shortest change of posture, s.
+    pace, pace_back : (float, float)
+        Fastest speed of a change of posture, relative to the parameter ``speed``; changes take the two in turn.
+    to_and_fro : bool
+        Postures lie on alternate sides, beyond half the range; otherwise anywhere in it.
+    postures : float
+        Size of the postures, a share of the range.
+    burst_wait_s : (float, float)
+        Mean time (exponential) before the first burst and between two, s.
+    burst_hz : (float, float)
+        Cycles per second in a burst.
+    burst_cycles : (int, int)
+        Fewest cycles of a burst, and one more than the most.
+    burst_size : (float, float)
+        Amplitude, a share of the range.
+    burst_pace : float
+        Fastest speed in a burst, relative to the parameter ``speed``.
+    """
+
+    text: str
+    hold_s: Pair = (0.2, 0.7)
+    shortest_s: float = 0.3
+    pace: Pair = (0.4, 1.0)
+    pace_back: Pair = (0.4, 1.0)
+    to_and_fro: bool = False
+    postures: float = 1.0
+    burst_wait_s: Pair = (3.0, 3.5)
+    burst_hz: Pair = (1.2, 2.4)
+    burst_cycles: tuple[int, int] = (1, 4)
+    burst_size: Pair = (0.06, 0.18)
+    burst_pace: float = 0.5
+
+
+PROFILES: dict[str, Profile] = {
+    "talk": Profile("conversation: postures, pauses, now and then a burst of nodding or shaking"),
+    "held": Profile(
+        "postures held for seconds, slow changes, no bursts",
+        hold_s=(1.5, 1.5),
+        pace=(0.2, 0.4),
+        pace_back=(0.2, 0.4),
+        burst_size=(0.0, 0.0),
+    ),
+    "shaking": Profile(
+        "fast nodding and shaking, again and again, up to the full range",
+        postures=0.25,
+        burst_wait_s=(0.3, 0.4),
+        burst_cycles=(3, 9),
+        burst_size=(0.5, 1.0),
+        burst_pace=1.0,
+    ),
+    "reading": Profile(
+        "line after line: slowly one way, quickly back",
+        hold_s=(0.05, 0.1),
+        pace=(0.15, 0.25),
+        pace_back=(0.6, 1.0),
+        to_and_fro=True,
+        burst_size=(0.0, 0.0),
+    ),
+}
+"""Name -> speed profile."""
 
 
 def minimum_jerk(phase: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -51,19 +124,23 @@ def hum(
 
 
 def _postures(
-    times: NDArray[np.float64], reach: float, speed: float, random: np.random.Generator
+    times: NDArray[np.float64], reach: float, speed: float, profile: Profile, random: np.random.Generator
 ) -> NDArray[np.float64]:
     """Held postures and the changes between them, deg, reaching ±`reach` at least once, shape (F,)."""
     length = float(times[-1])
-    # No posture with its change takes less than 0.5 s: enough for the take on either side of the middle.
-    count = 2 * int(np.ceil((length + 4.0) / 0.5)) + 1
+    # Enough postures of the shortest duration for the take on either side of the middle one.
+    count = 2 * int(np.ceil((length + 4.0) / (profile.hold_s[0] + profile.shortest_s))) + 1
     extreme = count // 2
     targets = random.uniform(-1.0, 1.0, count)
+    if profile.to_and_fro:
+        targets = (0.5 + 0.5 * np.abs(targets)) * np.resize([1.0, -1.0], count)
     targets[extreme] = 1.0 if targets[extreme] >= 0 else -1.0
     targets *= reach
-    holds = 0.2 + random.exponential(0.7, count)
-    peak_speeds = speed * random.uniform(0.4, 1.0, count - 1)
-    changes = np.maximum(0.3, 1.875 * np.abs(np.diff(targets)) / peak_speeds)
+    shortest, further = profile.hold_s
+    holds = shortest + random.exponential(further, count)
+    slowest, fastest = np.resize([profile.pace, profile.pace_back], (count - 1, 2)).T
+    peak_speeds = speed * random.uniform(slowest, fastest)
+    changes = np.maximum(profile.shortest_s, 1.875 * np.abs(np.diff(targets)) / peak_speeds)
     leaves = np.cumsum(holds) + np.concatenate([[0.0], np.cumsum(changes)])
     # The take is laid over the sequence so that the extreme posture falls inside it.
     shift = leaves[extreme] - 0.5 * holds[extreme] - length * random.uniform(0.15, 0.85)
@@ -76,23 +153,27 @@ def _postures(
     return np.where(before, targets[0], angles)
 
 
-def _bursts(times: NDArray[np.float64], reach: float, speed: float, random: np.random.Generator) -> NDArray[np.float64]:
+def _bursts(
+    times: NDArray[np.float64], reach: float, speed: float, profile: Profile, random: np.random.Generator
+) -> NDArray[np.float64]:
     """Short bursts of nodding (or shaking), deg, shape (F,)."""
     angles = np.zeros(len(times))
     length = float(times[-1])
-    onset = random.exponential(3.0)
+    onset = random.exponential(profile.burst_wait_s[0])
     while onset < length:
-        frequency = random.uniform(*BURST_HZ)
-        duration = random.integers(1, 4) / frequency
-        size = min(random.uniform(0.06, 0.18) * reach, 0.5 * speed / (2 * np.pi * frequency))
+        frequency = random.uniform(*profile.burst_hz)
+        duration = random.integers(*profile.burst_cycles) / frequency
+        size = min(random.uniform(*profile.burst_size) * reach, profile.burst_pace * speed / (2 * np.pi * frequency))
         first, last = np.searchsorted(times, (onset, onset + duration))
         since = times[first:last] - onset
         angles[first:last] += size * np.sin(2 * np.pi * frequency * since) * np.sin(np.pi * since / duration) ** 2
-        onset += duration + 0.5 + random.exponential(3.5)
+        onset += duration + 0.5 + random.exponential(profile.burst_wait_s[1])
     return angles
 
 
-def head_angles(times: NDArray[np.float64], range_deg: Sequence[float], speed: float, seed: int) -> NDArray[np.float64]:
+def head_angles(
+    times: NDArray[np.float64], range_deg: Sequence[float], speed: float, seed: int, profile: str = "talk"
+) -> NDArray[np.float64]:
     """Nod, turn and tilt over time.
 
     Parameters
@@ -106,19 +187,22 @@ def head_angles(times: NDArray[np.float64], range_deg: Sequence[float], speed: f
         Fastest change of posture about one axis, deg/s.
     seed : int
         Seed; every axis has its own stream.
+    profile : str
+        Name in `PROFILES`.
 
     Returns
     -------
     ndarray, shape (F, 3)
         Nod, turn, tilt, deg.
     """
+    how = PROFILES[profile]
     angles = np.zeros((len(times), 3))
     for axis, (name, reach) in enumerate(zip(AXES, range_deg, strict=True)):
         if reach == 0:
             continue
-        angle = _postures(times, reach, speed, generator("motion", name, "postures", seed=seed))
-        angle += _bursts(times, reach, speed, generator("motion", name, "bursts", seed=seed))
-        angle += 0.015 * reach * hum(times, WANDER_HZ, generator("motion", name, "wander", seed=seed))
+        angle = how.postures * _postures(times, reach, speed, how, generator("motion", name, "postures", seed=seed))
+        angle += _bursts(times, reach, speed, how, generator("motion", name, "bursts", seed=seed))
+        angle += WANDER * reach * hum(times, WANDER_HZ, generator("motion", name, "wander", seed=seed))
         angles[:, axis] = angle * (reach / np.abs(angle).max())
     return angles
 
@@ -128,36 +212,3 @@ def rotations_from_angles(angles_deg: NDArray[np.float64]) -> NDArray[np.float64
     from scipy.spatial.transform import Rotation
 
     return np.asarray(Rotation.from_euler("YXZ", angles_deg[:, [1, 0, 2]], degrees=True).as_matrix())
-
-
-def neck_sway(times: NDArray[np.float64], size: float, fastest: float, seed: int) -> NDArray[np.float64]:
-    """Slow translation of the pivot.
-
-    Parameters
-    ----------
-    times : ndarray, shape (F,)
-        Time of every frame, s.
-    size : float
-        Largest distance of the pivot from its mean place, mm; 0 gives exact zeros.
-    fastest : float
-        Upper end of the sway's band, Hz.
-    seed : int
-        Seed.
-
-    Returns
-    -------
-    ndarray, shape (F, 3)
-        Sway s, mm, with zero mean over the frames.
-    """
-    sway = np.zeros((len(times), 3))
-    if size == 0:
-        return sway
-    for axis in range(3):
-        random = generator("sway", "xyz"[axis], seed=seed)
-        sway[:, axis] = SWAY_SHARE[axis] * hum(times, (0.1 * fastest, fastest), random, tones=6)
-    sway -= sway.mean(axis=0)
-    largest = np.sqrt((sway**2).sum(axis=1)).max()
-    if largest > 0:
-        sway *= size / largest
-        sway -= sway.mean(axis=0)  # takes the last rounding out of the mean
-    return sway

@@ -1,12 +1,8 @@
-"""Performers: where the markers, the neck pivot and the jaw axis of a face are.
+"""Performers: who wears the markers, and where the neck pivot and the jaw axis of that face are.
 
 The head frame has its axes along those of the world when the head is in its neutral pose: x to the
 performer's left, y up, z forward, mm. Its origin is that of the ICT-FaceKit neutral face [1]_, about the
 middle of the head between the jaw joints.
-
-Every marker site below was read off that neutral face (the skin vertex nearest to the site in the frontal
-plane, mean of the vertices around it, rounded to 0.5 mm, left and right made symmetric). The face has
-adult proportions: outer eye corners 89 mm apart, nasion to chin 113 mm.
 
 References
 ----------
@@ -24,40 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evalkit.seeds import generator
-
-PAPER_23: dict[str, tuple[float, float, float]] = {
-    # the rigid triangle on the forehead
-    "ForeheadC": (0.0, 104.5, 90.5),
-    "ForeheadL": (22.5, 76.5, 100.5),
-    "ForeheadR": (-22.5, 76.5, 100.5),
-    "BrowInL": (15.0, 60.0, 107.0),
-    "BrowInR": (-15.0, 60.0, 107.0),
-    "BrowOutL": (47.0, 60.5, 92.0),
-    "BrowOutR": (-47.0, 60.5, 92.0),
-    "LidL": (32.0, 40.0, 95.5),
-    "LidR": (-32.0, 40.0, 95.5),
-    "NoseBridge": (0.0, 35.5, 108.5),
-    "NoseL": (16.0, -6.0, 112.5),
-    "NoseR": (-16.0, -6.0, 112.5),
-    "CheekL": (45.0, 0.0, 93.5),
-    "CheekR": (-45.0, 0.0, 93.5),
-    "UpperLipC": (0.0, -23.5, 117.5),
-    "UpperLipL": (12.0, -25.0, 115.0),
-    "UpperLipR": (-12.0, -25.0, 115.0),
-    "MouthL": (27.0, -35.0, 102.0),
-    "MouthR": (-27.0, -35.0, 102.0),
-    "LowerLipC": (0.0, -45.5, 113.5),
-    "LowerLipL": (13.0, -43.5, 111.5),
-    "LowerLipR": (-13.0, -43.5, 111.5),
-    "Chin": (0.0, -65.5, 110.0),
-}
-"""Label -> marker site in the head frame, mm: 23 markers as in Huang, Lin & Ouhyoung 2000, Fig. 1(b)."""
-
-LAYOUTS = {"paper-23": PAPER_23}
-"""Name -> marker layout."""
-
-RIGID = ("ForeheadC", "ForeheadL", "ForeheadR")
-"""The markers taken as rigid with the skull: the forehead triangle."""
+from evalkit.synthetic.layouts import LAYOUTS
 
 EAR_CANAL = np.array([0.0, 23.0, 6.0])
 """Mid-point between the ear canals, mm, read off the same face."""
@@ -113,7 +76,7 @@ def make_performer(layout: str = "paper-23", number: int = 0) -> Performer:
     Parameters
     ----------
     layout : str
-        Name in `LAYOUTS`.
+        Name in `evalkit.synthetic.layouts.LAYOUTS`.
     number : int
         0 is the average face above. Any other number is another person, the same whenever asked for: width,
         height and depth of the face vary by 4 % (standard deviation), each marker is stuck on 1.5 mm off its
@@ -123,7 +86,8 @@ def make_performer(layout: str = "paper-23", number: int = 0) -> Performer:
     -------
     Performer
     """
-    sites = np.array(list(LAYOUTS[layout].values()))
+    worn = LAYOUTS[layout]
+    sites = np.array(list(worn.sites.values()))
     pivot, jaw_axis, size = PIVOT.copy(), JAW_AXIS.copy(), np.ones(3)
     if number:
         random = generator("performer", seed=number)
@@ -131,4 +95,4 @@ def make_performer(layout: str = "paper-23", number: int = 0) -> Performer:
         sites, pivot, jaw_axis = sites * size, pivot * size, jaw_axis * size
         pivot += random.normal(scale=(2.0, 6.0, 6.0))
         sites[:, :2] += random.normal(scale=1.5, size=(len(sites), 2))
-    return Performer(tuple(LAYOUTS[layout]), RIGID, sites, pivot, jaw_axis, size)
+    return Performer(tuple(worn.sites), worn.rigid, sites, pivot, jaw_axis, size)

@@ -9,22 +9,26 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from evalkit.capture.model import Capture
 from evalkit.errors import EvalkitError
 from evalkit.seeds import seed_sequence
 from evalkit.synthetic.expression import express
-from evalkit.synthetic.faults import BLOCK, add_white_noise, occlusions
-from evalkit.synthetic.motion import head_angles, neck_sway, rotations_from_angles
-from evalkit.synthetic.parameters import Parameters, preset_parameters
-from evalkit.synthetic.performer import STANDING_AT, make_performer
+from evalkit.synthetic.faults import displace, faulty_samples, label_swaps, quantise
+from evalkit.synthetic.motion import head_angles, rotations_from_angles
+from evalkit.synthetic.neck import neck_sway, second_joint
+from evalkit.synthetic.noise import BLOCK, add_noise
+from evalkit.synthetic.parameters import Parameters
+from evalkit.synthetic.performer import STANDING_AT, Performer, make_performer
+from evalkit.synthetic.presets import preset_parameters
 from evalkit.synthetic.truth import Truth
 
 
 def synthesize(preset: str | Parameters = "talking", seed: int = 0, **overrides: Any) -> tuple[Capture, Truth]:
     """A synthetic capture with its truth.
 
-    Every part of the take (each axis of the motion, sway, each expression, noise, gaps) draws from a stream
+    Every part of the take (each axis of the motion, sway, each expression, noise, each fault) draws from a stream
     of its own: changing one of them leaves the others as they were. The same arguments give the same bits.
 
     Parameters
@@ -58,8 +62,11 @@ def synthesize(preset: str | Parameters = "talking", seed: int = 0, **overrides:
 
     performer = make_performer(parameters.layout, parameters.performer)
     times = np.arange(parameters.frames) / parameters.rate
-    rotations = rotations_from_angles(head_angles(times, parameters.range_deg, parameters.speed, seed))
+    angles = head_angles(times, parameters.range_deg, parameters.speed, seed, parameters.profile)
+    rotations = rotations_from_angles(angles)
     sway = neck_sway(times, parameters.sway, parameters.sway_hz, seed)
+    if parameters.neck_gap_mm:
+        sway += second_joint(angles, parameters.neck_gap_mm)
     expression = express(
         performer,
         times,
@@ -68,6 +75,7 @@ def synthesize(preset: str | Parameters = "talking", seed: int = 0, **overrides:
         liveliness=parameters.liveliness,
         skin=parameters.skin,
         seed=seed,
+        asymmetry=parameters.asymmetry,
     )
     neutral = performer.sites + STANDING_AT
     pivot = performer.pivot + STANDING_AT
@@ -78,19 +86,10 @@ def synthesize(preset: str | Parameters = "talking", seed: int = 0, **overrides:
         frames = slice(start, start + BLOCK)
         points[frames] = points[frames] @ rotations[frames].transpose(0, 2, 1)
     points += (pivot + sway)[:, None, :]
-    add_white_noise(points, parameters.noise, seed)
-    missing = occlusions(
-        parameters.frames,
-        len(performer.labels),
-        parameters.gaps,
-        parameters.gap_bursts,
-        parameters.gap_length,
-        seed,
-    )
-    points[missing] = np.nan
+    observed, identity, outliers, missing = _observe(points, performer, parameters, seed)
 
     # The operator faces the performer: the performer's left is the screen's right.
-    capture = Capture(points, performer.labels, parameters.rate, axes=("+X", "+Y"))
+    capture = Capture(observed, performer.labels, parameters.rate, axes=("+X", "+Y"))
     truth = Truth(
         rotations=rotations,
         translations=translations,
@@ -99,6 +98,9 @@ def synthesize(preset: str | Parameters = "talking", seed: int = 0, **overrides:
         neutral=neutral,
         expression=expression,
         visible=~missing,
+        outliers=outliers,
+        identity=identity,
+        nod_centre=pivot + np.array([0.0, parameters.neck_gap_mm, 0.0]),
         noise_mm=parameters.noise,
         labels=performer.labels,
         rigid=performer.rigid,
@@ -108,6 +110,37 @@ def synthesize(preset: str | Parameters = "talking", seed: int = 0, **overrides:
         parameters=parameters.as_dict(),
     )
     return capture, truth
+
+
+def _observe(
+    points: NDArray[np.float64], performer: Performer, parameters: Parameters, seed: int
+) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.bool_], NDArray[np.bool_]]:
+    """What a capture system makes of the true positions (F, M, 3): observed positions, NaN where missing, and
+
+    by label, each (F, M), which marker is seen, which samples are outliers and which are missing.
+    """
+    frames, markers = points.shape[:2]
+    identity = label_swaps(frames, performer.sites, parameters.swaps, parameters.swap_length, seed)
+    if parameters.swaps:
+        points = np.take_along_axis(points, identity[..., None], axis=1)
+    add_noise(
+        points,
+        parameters.noise,
+        seed,
+        steps=parameters.noise_time_s * parameters.rate,
+        shared=parameters.noise_shared,
+        sites=performer.sites,
+    )
+    gaps = (parameters.gaps, parameters.gap_bursts, parameters.gap_length)
+    missing = faulty_samples("gaps", frames, markers, *gaps, seed)
+    spoils = (parameters.outliers, parameters.outlier_bursts, parameters.outlier_length)
+    outliers = faulty_samples("outliers", frames, markers, *spoils, seed)
+    displace(points, outliers, parameters.outlier_mm, seed)
+    points[missing] = np.nan
+    if parameters.quantum_mm:
+        quantise(points, parameters.quantum_mm)
+    # A sample that was not seen was not seen wrongly either.
+    return points, np.where(missing, np.arange(markers), identity), outliers & ~missing, missing
 
 
 class SyntheticFiles(NamedTuple):

@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 
 from evalkit.errors import EvalkitError
 
-FORMAT = 1
-"""Version of the truth file."""
-
+FORMAT = 2
+"""Version of the truth file. Format 1 had no `ADDED`; it is read as a take without these faults."""
 
 UNREADABLE = (
     ValueError,
@@ -32,27 +31,36 @@ UNREADABLE = (
 )
 """What zipfile, zlib, json and NumPy raise on damaged bytes, besides BadZipFile and OSError."""
 
-ARRAYS = {
-    "rotations": ("F", "", ""),
-    "translations": ("F", ""),
-    "pivot": ("",),
-    "sway": ("F", ""),
-    "neutral": ("M", ""),
-    "expression": ("F", "M", ""),
-    "visible": ("F", "M"),
+ARRAYS: dict[str, tuple[tuple[str, ...], type]] = {
+    "rotations": (("F", "", ""), np.float64),
+    "translations": (("F", ""), np.float64),
+    "pivot": (("",), np.float64),
+    "sway": (("F", ""), np.float64),
+    "neutral": (("M", ""), np.float64),
+    "expression": (("F", "M", ""), np.float64),
+    "visible": (("F", "M"), np.bool_),
+    "outliers": (("F", "M"), np.bool_),
+    "identity": (("F", "M"), np.int64),
+    "nod_centre": (("",), np.float64),
 }
-"""Array -> its axes: F frames, M markers, otherwise 3."""
+"""Array -> its axes (F frames, M markers, otherwise 3) and type."""
+
+ADDED = ("outliers", "identity", "nod_centre")
+"""Arrays that came with format 2."""
 
 
 @dataclass(frozen=True, eq=False)
 class Truth:
     """Everything that made a synthetic take, exactly.
 
-    An observed position is ``x[i, m] = R[i] (P[m] + E[i, m] - O) + O + s[i] + noise``. With
-    ``T[i] = (I - R[i]) O + s[i]`` that is ``x = R p + T`` for a point p of the head frame. The head frame
-    is that of the neutral pose: its axes and origin are the world's when R = I and s = 0. A capture file
-    stores 32-bit numbers; the truth is exact before that rounding (below 0.0001 mm within 2 m of the
-    origin).
+    An observed position is ``x[i, m] = R[i] (P[k] + E[i, k] - O) + O + s[i] + noise``, k = m unless labels were
+    exchanged, and with a displacement on top in outliers. With ``T[i] = (I - R[i]) O + s[i]`` that is
+    ``x = R p + T`` for a point p of the head frame. The head frame is that of the neutral pose: its axes and
+    origin are the world's when R = I and s = 0. A capture file stores 32-bit numbers; the truth is exact before
+    that rounding (below 0.0001 mm within 2 m of the origin).
+
+    Rotations, translations, pivot, sway, neutral face and expression are by marker, and always true. The masks are
+    by label, as is the capture.
 
     Parameters
     ----------
@@ -61,9 +69,10 @@ class Truth:
     translations : ndarray, shape (F, 3)
         T, mm.
     pivot : ndarray, shape (3,)
-        O, the centre of rotation in the neutral pose, mm.
+        O, the centre of rotation in the neutral pose, mm; in a neck of two joints that of turn and tilt.
     sway : ndarray, shape (F, 3)
-        s, translation of the pivot, mm, zero mean over the frames; exactly 0 for a fixed pivot.
+        s, translation of the pivot, mm, zero mean over the frames; exactly 0 for a fixed pivot. In a neck of two
+        joints it contains what the second joint adds, `evalkit.synthetic.neck`, whose mean is not zero.
     neutral : ndarray, shape (M, 3)
         P, the face at rest in the head frame, mm.
     expression : ndarray, shape (F, M, 3)
@@ -71,6 +80,12 @@ class Truth:
         the skin under them slides (parameter ``skin`` above 0): the slide is in E.
     visible : ndarray of bool, shape (F, M)
         False where the capture has a gap.
+    outliers : ndarray of bool, shape (F, M)
+        True where the capture has a position that was displaced.
+    identity : ndarray of int, shape (F, M)
+        k, the marker that is seen under each label; m itself unless labels were exchanged.
+    nod_centre : ndarray, shape (3,)
+        N, where the nod has its centre in the neutral pose, mm: the pivot, unless the neck has two joints.
     noise_mm : float
         Standard deviation of the noise per axis, mm.
     labels : tuple of str, length M
@@ -94,6 +109,9 @@ class Truth:
     neutral: NDArray[np.float64]
     expression: NDArray[np.float64]
     visible: NDArray[np.bool_]
+    outliers: NDArray[np.bool_]
+    identity: NDArray[np.int64]
+    nod_centre: NDArray[np.float64]
     noise_mm: float
     labels: tuple[str, ...]
     rigid: tuple[str, ...]
@@ -106,6 +124,11 @@ class Truth:
     def clean(self) -> NDArray[np.float64]:
         """P + E: the face with its expressions and without head motion, head frame, mm, shape (F, M, 3)."""
         return self.neutral + self.expression
+
+    @property
+    def swapped(self) -> NDArray[np.bool_]:
+        """True where a label carries another marker than its own, shape (F, M)."""
+        return np.asarray(self.identity != np.arange(len(self.labels)))
 
     @property
     def rigid_slide_mm(self) -> float:
@@ -148,12 +171,13 @@ class Truth:
             # interprets a damaged header.
             with zipfile.ZipFile(path) as archive:
                 names = [name.removesuffix(".npy") for name in archive.namelist()]
-                missing = [name for name in ("facts", *ARRAYS) if name not in names]
+                missing = [name for name in ("facts", *ARRAYS) if name not in (*names, *ADDED)]
                 if missing:
                     raise EvalkitError(f"{path}: not a truth file; it lacks {', '.join(missing)}")
                 parts = {
                     name: np.lib.format.read_array(io.BytesIO(archive.read(f"{name}.npy")), allow_pickle=False)
                     for name in ("facts", *ARRAYS)
+                    if name in names
                 }
             facts = json.loads(str(parts.pop("facts")))
         except zipfile.BadZipFile as error:
@@ -180,20 +204,29 @@ class Truth:
         }
         if not isinstance(facts, dict):
             raise EvalkitError(f"{path}: the truth's facts are not a table")
-        for name, kind in expected.items():
-            if not isinstance(facts.get(name), kind):
+        for name, types in expected.items():
+            if not isinstance(facts.get(name), types):
                 raise EvalkitError(f"{path}: the truth has no valid '{name}'")
-        if facts["format"] != FORMAT:
-            raise EvalkitError(f"{path}: truth of format {facts['format']}; this version reads format {FORMAT}")
+        if facts["format"] not in (1, FORMAT):
+            raise EvalkitError(f"{path}: truth of format {facts['format']}; this version reads formats 1 and {FORMAT}")
         sizes = {"F": len(arrays["visible"]) if arrays["visible"].ndim else 0, "M": len(facts["labels"])}
-        for name, axes in ARRAYS.items():
+        if facts["format"] == 1:
+            as_labelled = np.tile(np.arange(sizes["M"]), (sizes["F"], 1))
+            sound = np.zeros(as_labelled.shape, dtype=bool)
+            arrays = {**arrays, "outliers": sound, "identity": as_labelled, "nod_centre": arrays["pivot"]}
+        lacking = [name for name in ADDED if name not in arrays]
+        if lacking:
+            raise EvalkitError(f"{path}: the truth lacks {', '.join(lacking)}")
+        for name, (axes, kind) in ARRAYS.items():
             shape = tuple(sizes.get(axis, 3) for axis in axes)
             if arrays[name].shape != shape:
                 raise EvalkitError(f"{path}: {name} has shape {arrays[name].shape}; expected {shape}")
-            if arrays[name].dtype != (np.bool_ if name == "visible" else np.float64):
+            if arrays[name].dtype != kind:
                 raise EvalkitError(f"{path}: {name} is of type {arrays[name].dtype}")
             if not np.isfinite(arrays[name]).all():
                 raise EvalkitError(f"{path}: {name} has values that are not finite")
+        if not ((arrays["identity"] >= 0) & (arrays["identity"] < sizes["M"])).all():
+            raise EvalkitError(f"{path}: identity names markers that are not there")
         labels, rigid = tuple(map(str, facts["labels"])), tuple(map(str, facts["rigid"]))
         stranger = next((label for label in rigid if label not in labels), None)
         if stranger is not None:
