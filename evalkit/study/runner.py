@@ -19,6 +19,9 @@ from evalkit.study.table import SUMMARY_COLUMNS, Table, write_csv
 LOSSES = 2
 """Times that worker processes may die with nothing finished in between before cells are tried one by one."""
 
+ANSWER_S = 10.0
+"""How long a scheduler may take to answer, s."""
+
 
 def run(
     study: Study,
@@ -173,7 +176,7 @@ def _on_cluster(study: Study, cells: Sequence[Cell], address: str) -> Iterator[t
     except ImportError as error:
         raise EvalkitError("running on a cluster needs dask: pip install 'evalkit[cluster]'") from error
     try:
-        client = Client(address, timeout="10s", set_as_default=False)
+        client = Client(address, timeout=ANSWER_S, set_as_default=False)
     except (OSError, ValueError, TimeoutError) as error:
         raise EvalkitError(f"{address}: no dask scheduler answers there; start one with 'dask scheduler'") from error
     try:
@@ -184,7 +187,7 @@ def _on_cluster(study: Study, cells: Sequence[Cell], address: str) -> Iterator[t
             if other != mine:
                 raise EvalkitError(f"{address}: the worker {worker} has another evalkit than this machine")
         futures = {client.submit(_measured, study, cell, key=cell.key, retries=0): cell for cell in cells}
-        for future in as_completed(futures):
+        for future in as_completed(futures, loop=client.loop):
             cell = futures[future]
             problem = future.exception()
             if problem is None:
