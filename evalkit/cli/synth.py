@@ -1,10 +1,13 @@
-"""``evalkit synth``: a capture with its truth."""
+"""``evalkit synth``: captures with their truth, and the reference set."""
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 
 import click
+
+BUNDLED = "the bundled takes"
 
 
 @click.command()
@@ -13,27 +16,82 @@ import click
 @click.option("--seed", default=0, show_default=True, help="The same seed gives the same take.")
 @click.option("--set", "settings", multiple=True, metavar="KEY=VALUE", help="Change a parameter; may be repeated.")
 @click.option("--list", "show", is_flag=True, help="List presets and parameters.")
-def synth(preset: str | None, output: Path | None, seed: int, settings: tuple[str, ...], show: bool) -> None:
+@click.option("--reference", is_flag=True, help="Write the reference set, a small take of every preset, to -o DIR.")
+@click.option(
+    "--check",
+    is_flag=False,
+    flag_value=BUNDLED,
+    metavar="[DIR]",
+    help="Make the takes of DIR's MANIFEST.json again (default: those that come with evalkit) and compare.",
+)
+def synth(
+    preset: str | None,
+    output: Path | None,
+    seed: int,
+    settings: tuple[str, ...],
+    show: bool,
+    reference: bool,
+    check: str | None,
+) -> None:
     """Make a synthetic capture: PRESET.c3d, PRESET.truth.npz and PRESET.json with parameters and checksums.
 
     \b
-    Example:
+    Examples:
         evalkit synth talking -o takes --seed 3 --set noise=0.5 --set sway=20
+        evalkit synth --check
     """
-    from evalkit.synthetic import PRESETS, Parameters, parse_overrides, write_synthetic
+    from evalkit.synthetic import parse_overrides, write_synthetic
 
+    if sum((preset is not None, show, reference, check is not None)) != 1 or (output is None) != (
+        show or check is not None
+    ):
+        raise click.UsageError("give a PRESET and -o DIR, or --reference and -o DIR, or --check, or --list")
+    if (settings or seed) and preset is None:
+        raise click.UsageError("--set and --seed go with a PRESET")
     if show:
-        import dataclasses
+        _list()
+    elif check is not None:
+        _check(check)
+    elif reference:
+        from evalkit.synthetic.reference import write_reference
 
-        click.echo("presets")
-        for name, entry in PRESETS.items():
-            click.echo(f"  {name:<14}{entry.text}")
-        click.echo("parameters (--set KEY=VALUE) and their defaults")
-        for field in dataclasses.fields(Parameters):
-            click.echo(f"  {field.name:<14}{getattr(Parameters(), field.name)}")
-        return
-    if preset is None or output is None:
-        raise click.UsageError("give a PRESET and -o DIR, or --list")
-    files = write_synthetic(preset, output, seed=seed, **parse_overrides(settings))
-    for path in files:
-        click.echo(f"wrote {path}")
+        assert output is not None
+        written = write_reference(output)
+        click.echo(f"wrote {len(written)} files to {output}, {sum(p.stat().st_size for p in written) / 1e6:.1f} MB")
+    else:
+        assert preset is not None
+        assert output is not None
+        for path in write_synthetic(preset, output, seed=seed, **parse_overrides(settings)):
+            click.echo(f"wrote {path}")
+
+
+def _check(folder: str) -> None:
+    """One line for each file; exit status 1 if any is not what the generator makes."""
+    from evalkit.bundled import bundled_folder
+    from evalkit.synthetic.reference import check_reference
+
+    verdicts = []
+    for verdict in check_reference(bundled_folder() if folder == BUNDLED else folder):
+        click.echo(f"{verdict.file:<28}{verdict.text}")
+        verdicts.append(verdict)
+    if not all(verdict.same for verdict in verdicts):
+        raise SystemExit(1)
+
+
+def _list() -> None:
+    from evalkit.synthetic import PRESETS, Parameters
+    from evalkit.synthetic.parameters import FIELDS, setting
+
+    click.echo("presets")
+    for name, entry in PRESETS.items():
+        click.echo(f"  {name:<16}{entry.text}")
+        if changed := entry.parameters.settings():
+            click.echo(f"  {'':<16}    {changed}")
+    click.echo("\nparameters (--set KEY=VALUE), with their defaults")
+    default = Parameters()
+    for group, names in itertools.groupby(FIELDS, key=lambda name: FIELDS[name].group):
+        click.echo(f"  {group}")
+        for name in names:
+            field = FIELDS[name]
+            unit = f" ({field.unit})" if field.unit else ""
+            click.echo(f"    {name:<16}{field.text}{unit} [{setting(getattr(default, name))}]")

@@ -231,7 +231,7 @@ def setting(value: object) -> str:
     """A parameter's value as `parse_overrides` reads it."""
     if isinstance(value, tuple):
         return ",".join(map(setting, value))
-    return f"{value:g}" if isinstance(value, float) else str(value)
+    return repr(value).removesuffix(".0") if isinstance(value, float) else str(value)
 
 
 def unknown(kind: str, name: object, known: Sequence[str]) -> str:
