@@ -195,3 +195,27 @@ def normalised_square(error: ArrayLike, covariance: ArrayLike) -> float:
     if not shown.any():
         return float("nan")
     return float(e[shown] @ np.linalg.solve(cov[np.ix_(shown, shown)], e[shown])) / int(shown.sum())
+
+
+def evaluations_to(positions: ArrayLike, evaluations: ArrayLike, target: ArrayLike, tolerance_mm: float) -> float:
+    """Evaluations after which the best point of a search has come near a target to stay.
+
+    Parameters
+    ----------
+    positions : array_like, shape (K, 3), mm
+        Best point so far, in order.
+    evaluations : array_like, shape (K,)
+        Calls of the objective made by then.
+    target : array_like, shape (3,), mm
+    tolerance_mm : float
+
+    Returns
+    -------
+    float
+        Evaluations at the first point from which all are within the tolerance; NaN if the last one is not.
+    """
+    x, calls = np.asarray(positions, dtype=np.float64), np.asarray(evaluations, dtype=np.float64)
+    near = np.linalg.norm(x - np.asarray(target, dtype=np.float64), axis=1) <= tolerance_mm
+    if not near.size or not near[-1]:
+        return float("nan")
+    return float(calls[len(near) - np.argmin(near[::-1])] if not near.all() else calls[0])

@@ -98,3 +98,14 @@ def test_errors_are_told_apart_by_region(truth):
 def test_every_marker_of_the_layouts_has_one_region(layout):
     for label in LAYOUTS[layout].sites:
         assert sum(label.startswith(beginnings) for beginnings in metrics.REGIONS.values()) == 1, label
+
+
+def test_evaluations_to_counts_to_the_last_entry_into_the_tolerance():
+    away = np.array([9.0, 0.5, 3.0, 0.4, -0.2, 0.0])
+    positions = np.array([1.0, 2.0, 3.0]) + away[:, None] * [0.0, 0.6, 0.8]
+    calls = [1, 7, 13, 19, 25, 31]
+    # By hand: inside at 7, out again at 13, inside from 19 on.
+    assert metrics.evaluations_to(positions, calls, [1.0, 2.0, 3.0], 0.5 + ROUNDING) == 19
+    assert metrics.evaluations_to(positions, calls, [1.0, 2.0, 3.0], 10.0) == 1
+    assert np.isnan(metrics.evaluations_to(positions, calls, [1.0, 2.0, 4.0], 0.5))
+    assert np.isnan(metrics.evaluations_to(np.empty((0, 3)), [], [0.0, 0.0, 0.0], 1.0))

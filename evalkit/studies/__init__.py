@@ -1,7 +1,24 @@
 """Studies: what the methods are worth on takes whose truth is known, one file each."""
 
+from evalkit.studies.bold_driver import study as bold_driver
+from evalkit.studies.covariance_calibration import study as covariance_calibration
+from evalkit.studies.objective_terms import study as objective_terms
+from evalkit.studies.optimisers import study as optimisers
 from evalkit.studies.pivot_noise import study as pivot_noise
+from evalkit.studies.pivot_range_of_motion import study as pivot_range_of_motion
+from evalkit.studies.pivot_sway import study as pivot_sway
 from evalkit.study.description import Study
 
-studies: dict[str, Study] = {study.name: study for study in (pivot_noise,)}
+studies: dict[str, Study] = {
+    study.name: study
+    for study in (
+        pivot_noise,
+        pivot_range_of_motion,
+        pivot_sway,
+        covariance_calibration,
+        objective_terms,
+        optimisers,
+        bold_driver,
+    )
+}
 """Name to study; the command line and the tests take their lists from here."""

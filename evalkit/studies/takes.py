@@ -80,6 +80,11 @@ def own(table: Mapping[str, Any]) -> tuple[str, ...]:
     return tuple(name for name, entry in table.items() if not getattr(entry, "peer", ""))
 
 
+def one_per_family() -> tuple[str, ...]:
+    """Pivot estimators, peers included, but of those that minimise the paper's objective only the paper's search."""
+    return tuple(name for name in pivot_estimators if not name.startswith("nlopt-"))
+
+
 def estimate_pivot(data: HeadTake, method: str, **options: Any) -> tuple[Pivot, Pose]:
     """Pivot, and the pose of every frame that goes with it.
 
