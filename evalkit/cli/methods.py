@@ -3,33 +3,48 @@
 from __future__ import annotations
 
 import json
+from importlib import import_module
 
 import click
+
+TABLES = (
+    ("pose", "pose estimators (--pose NAME)", "evalkit.pose", "pose_estimators", "summary"),
+    ("pivot", "pivot estimators (--pivot NAME)", "evalkit.pivot", "pivot_estimators", "summary"),
+    ("preset", "synthetic takes (evalkit synth NAME)", "evalkit.synthetic", "PRESETS", "text"),
+    ("study", "studies (evalkit study run NAME)", "evalkit.studies", "studies", "question"),
+)
+"""Kind, heading, where the table is, and the field of its entries that says what one is."""
 
 
 @click.command()
 @click.option("--json", "as_json", is_flag=True, help="Print as JSON.")
 def methods(as_json: bool) -> None:
-    """List every estimator with a line each.
+    """List every estimator, preset and study with a line each, and the package that it comes from if not evalkit.
 
     \b
     Example:
         evalkit methods --json
     """
-    from evalkit.pivot import pivot_estimators
-    from evalkit.pose import pose_estimators
-
     rows = [
-        {"kind": kind, "name": name, "summary": entry.summary, "source": entry.source}
-        for kind, table in (("pose", pose_estimators), ("pivot", pivot_estimators))
-        for name, entry in table.items()
+        {
+            "kind": kind,
+            "name": name,
+            "summary": getattr(entry, field),
+            "source": getattr(entry, "source", ""),
+            "origin": getattr(entry, "origin", ""),
+        }
+        for kind, _, module, table, field in TABLES
+        for name, entry in getattr(import_module(module), table).items()
     ]
     if as_json:
         click.echo(json.dumps(rows, indent=2))
         return
-    wide = {key: max(len(row[key]) for row in rows) for key in ("name", "summary")}
-    for kind in ("pose", "pivot"):
-        click.echo(f"{kind} estimators (--{kind} NAME)")
-        for row in rows:
-            if row["kind"] == kind:
-                click.echo(f"  {row['name']:<{wide['name']}}  {row['summary']:<{wide['summary']}}  {row['source']}")
+    wide = max(len(row["name"]) for row in rows)
+    for kind, heading, *_ in TABLES:
+        listed = [row for row in rows if row["kind"] == kind]
+        summary = max((len(row["summary"]) for row in listed), default=0)
+        click.echo(heading)
+        for row in listed:
+            origin = f"  [{row['origin']}]" if row["origin"] else ""
+            line = f"  {row['name']:<{wide}}  {row['summary']:<{summary}}  {row['source']}"
+            click.echo(line.rstrip() + origin)
