@@ -7,7 +7,6 @@ Finding: -
 Command: ``evalkit study run pivot-range-of-motion --budget full``.
 """
 
-from evalkit.pivot import pivot_estimators
 from evalkit.studies.pivot_noise import FIGURES, STILL
 from evalkit.studies.takes import (
     PAPER,
@@ -35,14 +34,14 @@ study = Study(
     question=question,
     finding=finding,
     axes={"range_deg": (20.0, 5.0, 2.0)},
-    methods=(PAPER, STILL, *pivot_estimators),
+    methods=(PAPER, STILL, *one_per_family()),
     prepare=prepare,
     run=estimate_pivot,
     score=score_pivot,
     columns=PIVOT_COLUMNS,
     figures=FIGURES,
-    full=Budget(seeds=30),
-    small=Budget(seeds=3, axes={"range_deg": (20.0, 2.0)}, methods=(PAPER, STILL, *one_per_family())),
+    full=Budget(seeds=20),
+    small=Budget(seeds=3, axes={"range_deg": (20.0, 2.0)}),
     expected=(
         # As in pivot-noise. At 5 and 2 degrees the bound, a linearisation at the truth, is no promise.
         Expected("efficiency", STILL, 0.9, least=True, where={"range_deg": 20.0}),

@@ -68,7 +68,7 @@ study = Study(
         relative_to("expression_mm", FREE, "expression over per-frame"),
         error_over_bound("expression_mm", "expression_bound_mm", "expression over bound"),
     ),
-    full=Budget(seeds=50),
+    full=Budget(seeds=40),
     small=Budget(seeds=2, axes={"sway_mm": (0.0, 20.0)}),
     expected=(
         # With the spline known the bound is 1; the choice of its knots may cost something.

@@ -141,7 +141,8 @@ def printed(study: Study, summary: Sequence[Row]) -> str:
         heads = ["", *(f"{name}, {units[name]}" if units[name] else name for name in names)]
         cells = [heads]
         for method, found in block.items():
-            failed = max(row["failed"] for row in found.values())
+            # A failed row has no number for any figure; a figure that does not apply to a method is no failure.
+            failed = min(row["failed"] for row in found.values())
             note = f" ({failed} failed)" if failed else ""
             cells.append([method + note, *(short(found[name]) if name in found else "" for name in names)])
         wide = [max(len(line[k]) for line in cells) for k in range(len(heads))]
