@@ -1,0 +1,83 @@
+"""Missing markers, singly and in bursts.
+
+Question: what do missing markers cost, in frames without an answer and in accuracy?
+
+Finding: -
+
+Command: ``evalkit study run gaps --budget full``
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from evalkit.compensation import Compensation
+from evalkit.pose import pose_estimators
+from evalkit.studies.compensated import (
+    COMPENSATION_COLUMNS,
+    COMPENSATION_FIGURES,
+    compensate_by,
+    score_compensation,
+)
+from evalkit.studies.takes import HeadTake, head_take, told
+from evalkit.study.command import script
+from evalkit.study.description import Budget, Condition, Expected, Study
+from evalkit.study.figures import root_mean_square
+
+THREE_ONLY = tuple(name for name, entry in pose_estimators.items() if entry.markers is not None)
+METHODS = (*(name for name in pose_estimators if name != "translation-invariants-raw"), "joint", "auto")
+
+
+def prepare(seed: int, layout: str, gaps: float, burst_frames: int) -> HeadTake:
+    """An ordinary talk with this share of samples missing, in bursts of this mean length; 1: single frames."""
+    bursts = {"gap_bursts": 0.0} if burst_frames == 1 else {"gap_bursts": 1.0, "gap_length": burst_frames}
+    return head_take("talking", seed, layout=layout, gaps=gaps, **bursts)
+
+
+def run(data: HeadTake, method: str) -> Compensation:
+    """The take without its head motion."""
+    return compensate_by(data, method)
+
+
+def score(data: HeadTake, result: Compensation) -> dict[str, Any]:
+    """Errors in the frames that have an answer, and what could have been answered."""
+    seen = data.truth.visible[:, data.columns].sum(axis=1) >= 3
+    return {**score_compensation(data, result), "could": float(seen.mean())}
+
+
+def applies(condition: Condition, method: str) -> bool:
+    """Methods for three markers only are asked where there are three."""
+    return condition["layout"] == "paper-23" or method not in THREE_ONLY
+
+
+QUESTION, FINDING = told(__doc__)
+
+study = Study(
+    name="gaps",
+    question=QUESTION,
+    finding=FINDING,
+    axes={"layout": ("paper-23", "dense-63"), "gaps": (0.02, 0.1, 0.3), "burst_frames": (1, 30)},
+    methods=METHODS,
+    prepare=prepare,
+    run=run,
+    score=score,
+    columns={**COMPENSATION_COLUMNS, "could": "share of the frames in which three or more rigid markers are seen"},
+    figures=(
+        *COMPENSATION_FIGURES,
+        root_mean_square("pivot_mm", "pivot", "mm"),
+    ),
+    full=Budget(seeds=10),
+    small=Budget(
+        seeds=1,
+        axes={"gaps": (0.1,), "burst_frames": (30,)},
+        methods=tuple(name for name in METHODS if name not in ("horn", "auto")),
+    ),
+    applies=applies,
+    expected=(
+        # Seven markers, a tenth of the samples missing: fewer than three of them are seen in one frame of 5,000.
+        Expected("frames posed", "svd", 0.99, least=True, where={"layout": "dense-63", "gaps": 0.1}),
+    ),
+)
+
+if __name__ == "__main__":
+    script(study)
