@@ -14,8 +14,10 @@ peer-scikit-surgery-sphere scikit-surgerycalibration 1.2.6     ``pivot_calibrati
 peer-biobuddy-score        biobuddy 0.3.2                      ``Score.perform_algorithm``
 ========================== =================================== ======================================================
 
-``pip install evalkit[peers]`` brings scikit-surgerycalibration and biobuddy. kineticstoolkit requires PyQt5 (200 MB
-installed) for windows that nothing here opens; install it by hand to have its entry.
+``pip install evalkit[peers]`` brings scikit-surgerycalibration and biobuddy, some 75 MB, most of it the OpenCV and
+Sphinx that the former requires and its pivot calibration does not use; beside numpy 2.4 pip has to go back to OpenCV
+4.11, which ``constraints.txt`` tells it at once. kineticstoolkit requires PyQt5 (200 MB installed) for windows that
+nothing here opens; install it by hand to have its entry.
 
 What these packages do with data that cannot answer is theirs, and is not repaired here: what they raise becomes an
 :class:`~evalkit.errors.EvalkitError` with their words, and a number that they return stands. The pivot entries are
