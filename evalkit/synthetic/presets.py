@@ -101,8 +101,8 @@ OWN: dict[str, Preset] = {
         Parameters(layout="dense-63", outliers=0.03),
     ),
     "label-swaps": Preset(
-        "neighbours' labels exchanged 2 % of the time, half a second at a time, seven rigid markers",
-        Parameters(layout="dense-63", swaps=0.02),
+        "neighbours' labels exchanged 5 % of the time, a quarter of a second each, seven rigid markers",
+        Parameters(layout="dense-63", swaps=0.05, swap_length=15),
     ),
     "worst-day": Preset(
         "all at once: small range, sway, sliding skin, strong noise, many gaps",
