@@ -1,13 +1,14 @@
 # Two commands do all the set-up on a machine with Python >= 3.11 and make:
 #   make demo   environment, install, then the main job on the bundled capture
 #   make test   the same environment with the test tools, then lint, types and tests
+# and make regress compares the accuracy of every method with the baselines.
 PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 DEMO ?= demo
 
-.PHONY: demo test test-slow lint types check lab clean
+.PHONY: demo test test-slow regress lint types check lab clean
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -32,6 +33,9 @@ test: $(VENV)/installed-test lint types
 
 test-slow: $(VENV)/installed-test
 	$(BIN)/python -m pytest -m slow
+
+regress: $(VENV)/installed
+	$(BIN)/evalkit regress
 
 lint: $(VENV)/installed-test
 	$(BIN)/ruff check .

@@ -10,6 +10,7 @@ from evalkit import __version__
 from evalkit.cli.compensate import compensate
 from evalkit.cli.demo import demo
 from evalkit.cli.methods import methods
+from evalkit.cli.regress import regress
 from evalkit.cli.study import study
 from evalkit.cli.synth import synth
 from evalkit.errors import EvalkitError
@@ -24,7 +25,7 @@ def app() -> None:
     """Facial motion capture from raw markers to expression-only motion, measured at every step."""
 
 
-for command in (demo, compensate, synth, study, methods):
+for command in (demo, compensate, synth, study, regress, methods):
     app.add_command(command)
 
 

@@ -76,8 +76,8 @@ def head_take(preset: str = "talking", seed: int = 0, **overrides: Any) -> HeadT
 
 
 def own(table: Mapping[str, Any]) -> tuple[str, ...]:
-    """Names of a table's entries that are this package's own, without peers."""
-    return tuple(name for name, entry in table.items() if not getattr(entry, "peer", ""))
+    """Names of a table's entries that are this package's own, without peers and plugins."""
+    return tuple(name for name, entry in table.items() if not entry.origin)
 
 
 def one_per_family() -> tuple[str, ...]:
