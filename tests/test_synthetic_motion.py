@@ -48,6 +48,15 @@ def test_the_dense_layout_covers_the_face():
     assert largest_gap[0] == 0 < 30 < largest_gap[1]
 
 
+def test_markers_of_the_dense_layout_never_run_into_each_other():
+    nearest = []
+    for seed in range(3):
+        _, truth = synthesize("dense", seed=seed, performer=seed)
+        square = ((truth.clean[::5, :, None] - truth.clean[::5, None]) ** 2).sum(axis=3)
+        nearest.append(np.sqrt(square[:, *np.triu_indices(63, 1)].min()))
+    assert min(nearest) > 3.0  # the diameter of a marker
+
+
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_rigid_markers_of_every_layout_are_rigid_until_skin_slides(layout):
     _, still = synthesize("clean", layout=layout, frames=200)

@@ -84,7 +84,7 @@ def _list() -> None:
 
     click.echo("presets")
     for name, entry in PRESETS.items():
-        click.echo(f"  {name:<16}{entry.text}")
+        click.echo(f"  {name:<16}{entry.text}" + (f"  [{entry.origin}]" if entry.origin else ""))
         if changed := entry.parameters.settings():
             click.echo(f"  {'':<16}    {changed}")
     click.echo("\nparameters (--set KEY=VALUE), with their defaults")

@@ -155,7 +155,8 @@ def write_synthetic(preset: str, directory: str | Path, seed: int = 0, **overrid
     """Write a synthetic take: ``<preset>.c3d``, ``<preset>.truth.npz`` and ``<preset>.json``.
 
     The JSON holds the parameters, the seed, the version of evalkit, the units and the SHA-256 of the other
-    two. C3D stores 32-bit numbers; the truth is exact before that rounding. The files are made in a
+    two. C3D stores 32-bit numbers; the truth is exact before that rounding. Coordinates on a grid (``quantum_mm``)
+    are written in reals too, with the values that a file of integers would give. The files are made in a
     temporary directory beside their place and then renamed, so none is ever seen half written.
 
     Parameters
