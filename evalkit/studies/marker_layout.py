@@ -90,7 +90,7 @@ study = Study(
         error_over_bound("rotation_deg", "bound_deg", "rotation over bound"),
         *REGION_FIGURES,
     ),
-    full=Budget(seeds=20),
+    full=Budget(seeds=10),
     small=Budget(seeds=1, axes={"markers": ("3 forehead", "4 with bridge", "7 with bridge", "all 23")}),
     applies=applies,
     expected=(

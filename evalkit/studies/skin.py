@@ -60,7 +60,7 @@ study = Study(
     name="skin",
     question=QUESTION,
     finding=FINDING,
-    axes={"layout": ("paper-23", "dense-63"), "slide_mm": (0, 1, 2, 4, 6)},
+    axes={"layout": ("paper-23", "dense-63"), "slide_mm": (0, 2, 4, 6)},
     methods=(TRIANGLE, "svd", "robust", "joint", "auto"),
     prepare=prepare,
     run=run,
@@ -76,7 +76,7 @@ study = Study(
         mean("leak", "leak", ""),
         *REGION_FIGURES,
     ),
-    full=Budget(seeds=10),
+    full=Budget(seeds=5),
     small=Budget(seeds=1, axes={"layout": ("paper-23",), "slide_mm": (0, 4)}),
     applies=applies,
     expected=(

@@ -65,7 +65,7 @@ study = Study(
         mean("still", "taken as still", "", less=None),
         mean("per_frame", "left free", "", less=None),
     ),
-    full=Budget(seeds=20),
+    full=Budget(seeds=10),
     small=Budget(seeds=2, axes={"gap_mm": (0, 20)}),
     applies=lambda condition, method: method != PAPER or condition["layout"] == "paper-23",
     expected=(
