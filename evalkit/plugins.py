@@ -11,7 +11,7 @@ import warnings
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
 from importlib.metadata import EntryPoint, entry_points
-from typing import Any, Generic, TypeVar
+from typing import Any, TypeVar
 
 Entry = TypeVar("Entry")
 
@@ -20,7 +20,7 @@ class PluginWarning(UserWarning):
     """An entry of another package that was left out, and why."""
 
 
-class Table(Mapping[str, Entry], Generic[Entry]):
+class Table(Mapping[str, Entry]):
     """evalkit's own entries and, after them, those of installed plugins; read it like a dict.
 
     Plugins are loaded at the first look into the table, not when the module that holds it is imported: a plugin
