@@ -14,6 +14,7 @@ from evalkit.errors import CaptureError, EvalkitError, FrameStatus
 if TYPE_CHECKING:
     from evalkit.capture import Capture, read_capture, write_capture
     from evalkit.compensation import Compensation, compensate
+    from evalkit.head import Head, load_head
     from evalkit.pivot import pivot_estimators
     from evalkit.pose import pose_estimators
     from evalkit.published import compensate_as_published
@@ -28,6 +29,8 @@ _HOMES = {
     "Compensation": "evalkit.compensation",
     "compensate": "evalkit.compensation",
     "compensate_as_published": "evalkit.published",
+    "Head": "evalkit.head",
+    "load_head": "evalkit.head",
     "pose_estimators": "evalkit.pose",
     "pivot_estimators": "evalkit.pivot",
     "synthesize": "evalkit.synthetic",
@@ -39,8 +42,10 @@ __all__ = [
     "Compensation",
     "EvalkitError",
     "FrameStatus",
+    "Head",
     "compensate",
     "compensate_as_published",
+    "load_head",
     "pivot_estimators",
     "pose_estimators",
     "read_capture",
