@@ -14,6 +14,8 @@ from evalkit.errors import CaptureError, EvalkitError, FrameStatus
 if TYPE_CHECKING:
     from evalkit.capture import Capture, read_capture, write_capture
     from evalkit.compensation import Compensation, compensate
+    from evalkit.deform import deformation_map
+    from evalkit.deform.kernels import kernels
     from evalkit.head import Head, load_head
     from evalkit.pivot import pivot_estimators
     from evalkit.pose import pose_estimators
@@ -34,6 +36,8 @@ _HOMES = {
     "pose_estimators": "evalkit.pose",
     "pivot_estimators": "evalkit.pivot",
     "synthesize": "evalkit.synthetic",
+    "deformation_map": "evalkit.deform",
+    "kernels": "evalkit.deform.kernels",
 }
 
 __all__ = [
@@ -45,7 +49,8 @@ __all__ = [
     "Head",
     "compensate",
     "compensate_as_published",
-    "load_head",
+    "deformation_map",
+    "kernels",
     "pivot_estimators",
     "pose_estimators",
     "read_capture",
