@@ -2,7 +2,13 @@
 
 Question: how near does each pivot estimator come to the Cramér-Rao bound as the noise grows?
 
-Finding: -
+Finding: with 40 seeds the joint estimate has an efficiency of 1.04 [0.83, 1.35] at 0.1, 0.3 and 1 mm alike, and 0.99
+[0.90, 1.09] with ``--axis noise_mm=0.3 --methods "joint none" --seeds 300``: that its error is 0.77 times the bound in
+the 40 is the luck of the draw. Its automatic choice took noise for sway in none of the 120 takes. Fitting spheres,
+which needs no pose at all, is nearly as good: efficiency 0.92, 1.25 times the error of joint. Root-mean-square errors
+at 0.3 mm of noise, mm: joint 0.17, sphere fit 0.22, Gamage-Lasenby 0.21, SCoRE 0.45, six-directions about the mean
+0.48, the paper with frame 0 as its reference 1.9, SVD 3.9; the bound is 0.22. The paper's objective does not scale
+with the noise: about the mean its error is 1.2 times the bound at 0.1 mm and 6.9 times at 1 mm.
 
 Command: ``evalkit study run pivot-noise --budget full``.
 """
