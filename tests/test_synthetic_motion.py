@@ -48,6 +48,26 @@ def test_the_dense_layout_covers_the_face():
     assert largest_gap[0] == 0 < 30 < largest_gap[1]
 
 
+def test_the_dense_layout_is_a_face_from_top_to_bottom_and_from_front_to_back():
+    sites = LAYOUTS["dense-63"].sites
+
+    def heights(*starts):
+        return [site[1] for label, site in sites.items() if label.startswith(starts)]
+
+    regions = [("Forehead",), ("Brow", "Temple"), ("Lid", "Eye"), ("CheekU", "CheekO", "CheekI"), ("UpperLip",)]
+    regions += [("LowerLip",), ("Chin",)]
+    for upper, lower in itertools.pairwise(regions):
+        assert min(heights(*upper)) > max(heights(*lower)), (upper, lower)
+    # A face bulges forward: off the nose, depth is a quadratic function of width and height within a centimetre.
+    points = np.array([site for label, site in sites.items() if not label.startswith("Nose")])
+    x, y, z = points.T
+    columns = np.column_stack([np.ones_like(x), y, y**2, x**2, x**2 * y])
+    fitted, *_ = np.linalg.lstsq(columns, z, rcond=None)
+    assert np.abs(columns @ fitted - z).max() < 10.0  # the lower lids, in the sockets, are deepest by 7 mm
+    assert fitted[3] < 0
+    assert sites["NoseTip"][2] == max(site[2] for site in sites.values())
+
+
 def test_markers_of_the_dense_layout_never_run_into_each_other():
     nearest = []
     for seed in range(3):
