@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 import evalkit
 from evalkit.bundled import bundled_take
+from evalkit.deform.kernels import kernels
 from evalkit.results import MOTION_COLUMNS
 from evalkit.studies import studies
 from evalkit.synthetic import PRESETS
@@ -224,9 +225,10 @@ def test_methods_lists_every_entry():
     for row in rows:
         named.setdefault(row["kind"], set()).add(row["name"])
     assert named["pose"] == set(evalkit.pose_estimators) and named["pivot"] == set(evalkit.pivot_estimators)
+    assert named["kernel"] == set(kernels)
     assert named["preset"] == set(PRESETS) and named["study"] == set(studies)
     assert all(row["summary"] for row in rows)
-    assert all(row["source"] for row in rows if row["kind"] in ("pose", "pivot"))
+    assert all(row["source"] for row in rows if row["kind"] in ("pose", "pivot", "kernel"))
     # What comes from another package says which.
     assert all(row["origin"] for row in rows if row["name"].startswith("peer-"))
 

@@ -110,8 +110,8 @@ def test_plugins_are_loaded_at_the_first_look_not_at_the_import(example):
 
 def test_command_line_lists_and_uses_the_example(example, tmp_path):
     listed = fresh("-m", "evalkit", "methods", path=example).stdout.splitlines()
-    # A pose estimator, a pivot estimator and a preset at least: whatever tables the command lists.
-    assert sum(line.split()[:1] == ["example"] and ORIGIN in line for line in listed) >= 3
+    # A pose estimator, a pivot estimator, a kernel and a preset.
+    assert sum(line.split()[:1] == ["example"] and ORIGIN in line for line in listed) == 4
 
     rigid = ["ForeheadL", "ForeheadC", "ForeheadR", "NoseBridge"]
     fresh("-m", "evalkit", "synth", "example", "-o", tmp_path, path=example)

@@ -10,6 +10,7 @@ import click
 TABLES = (
     ("pose", "pose estimators (--pose NAME)", "evalkit.pose", "pose_estimators", "summary"),
     ("pivot", "pivot estimators (--pivot NAME)", "evalkit.pivot", "pivot_estimators", "summary"),
+    ("kernel", "kernels of the deformation", "evalkit.deform.kernels", "kernels", "summary"),
     ("preset", "synthetic takes (evalkit synth NAME)", "evalkit.synthetic", "PRESETS", "text"),
     ("study", "studies (evalkit study run NAME)", "evalkit.studies", "studies", "question"),
 )
@@ -19,7 +20,7 @@ TABLES = (
 @click.command()
 @click.option("--json", "as_json", is_flag=True, help="Print as JSON.")
 def methods(as_json: bool) -> None:
-    """List every estimator, preset and study with a line each, and the package that it comes from if not evalkit.
+    """List every estimator, kernel, preset and study with a line each, and the package it comes from if not evalkit.
 
     \b
     Example:
