@@ -14,7 +14,7 @@ from evalkit.capture import Capture
 from evalkit.capture.origin import local_origin
 from evalkit.capture.rigid import RigidMarkers, choose_rigid
 from evalkit.errors import EvalkitError, FrameStatus
-from evalkit.geometry import Array, apply_motion, mean_rotation, rotation_angle, undo_motion
+from evalkit.geometry import Array, apply_motion, blocks, mean_rotation, rotation_angle, undo_motion
 from evalkit.pivot import Pivot, PivotEstimator, pivot_estimators
 from evalkit.pivot.spline import smoothed
 from evalkit.pose import Pose, PoseEstimator, pose_estimators, reference_pose
@@ -177,24 +177,28 @@ def compensate(
     weighted = False
     if model is not None and pose == "svd":
         estimator, pose, weighted = skin_estimator(model), "skin", True
-    points = take.points[:, chosen.columns]
+    # Taken from the take whenever they are needed: weighted automatically they are nearly all of it.
+    columns = np.array(chosen.columns)
     warnings = [*take.warnings, *chosen.warnings]
-    posed = pose_or_error(estimator, points, reference, chosen, pose)
+    posed = pose_or_error(estimator, take.points[:, columns], reference, chosen, pose)
     free = sway == "per-frame" or (sway == "auto" and weighted)
     # Markers on skin that tell little of the pose tell less of the pivot.
     lead = chosen.leading if free else np.arange(len(chosen.columns))
-    start = local_origin(take, np.array(chosen.columns)[lead]) if origin is None else checked_point(origin)
+    start = local_origin(take, columns[lead]) if origin is None else checked_point(origin)
     known = (start, PRIOR_STD_MM**2 * np.eye(3)) if prior else None
     options = {
         "initial": start, "origin": start, "reference": reference, "rate": take.rate, "prior": known,
         "sway": "auto" if sway == "per-frame" else sway, **pivot_options,
     }  # fmt: skip
     leading = replace(posed, template=posed.template[lead], weights=posed.weights[..., lead])
-    estimate = finder(points[:, lead], leading, **options)
+    estimate = finder(take.points[:, columns[lead]], leading, **options)
+    del leading
     used: str | float = "per-frame" if sway == "auto" else sway
     if estimate.pose is not None and not free:
         used = "none" if np.isinf(estimate.sway_spacing_s) else estimate.sway_spacing_s
-        words = _free_is_better(points, posed, estimate, estimator, finder, take.rate, used) if sway == "auto" else ""
+        words = ""
+        if sway == "auto":
+            words = _free_is_better(take.points[:, columns], posed, estimate, estimator, finder, take.rate, used)
         if words:
             warnings.append(words)
             used = "per-frame"
@@ -208,11 +212,11 @@ def compensate(
         if not estimator.orthogonal and posed is not estimate.pose:
             raise EvalkitError(f"pose method {pose} gives matrices that are no rotations; they cannot be smoothed")
         about = estimate.position if posed is estimate.pose else None
-        smoothing = smooth_rotations(posed, points, rate=take.rate, about=about, bridge=False)
+        smoothing = smooth_rotations(posed, take.points[:, columns], rate=take.rate, about=about, bridge=False)
         if posed is estimate.pose:
             estimate = replace(estimate, pose=smoothing.pose)
         posed = smoothing.pose
-    result = finish(take, chosen, points, posed, estimate, (sway, used), reference, start, pose, pivot, warnings, [])
+    result = finish(take, chosen, posed, estimate, (sway, used), reference, start, pose, pivot, warnings, [])
     return replace(result, smoothing=smoothing)
 
 
@@ -296,9 +300,8 @@ def _free_is_better(
 
 
 def finish(
-    take: Capture, chosen: RigidMarkers, points: Array, posed: Pose, estimate: Pivot,
-    sway: tuple[str | float, str | float], reference: Reference, origin: Array, pose: str, pivot: str,
-    warnings: list[str], outer: list[dict[str, Any]],
+    take: Capture, chosen: RigidMarkers, posed: Pose, estimate: Pivot, sway: tuple[str | float, str | float],
+    reference: Reference, origin: Array, pose: str, pivot: str, warnings: list[str], outer: list[dict[str, Any]],
 ) -> Compensation:  # fmt: skip
     """Fix the reference pose, model the translation, undo the motion, and say what came of it."""
     used = sway[1]
@@ -312,13 +315,7 @@ def finish(
     elif not isinstance(used, str) and not turned:
         s = np.where(posed.ok[:, None], smoothed(s, posed.ok, take.rate, float(used)), np.nan)
     t = o - _rotated(r, o) + s
-    residual = points - apply_motion(r, t, template)
-    square = np.einsum("fmi,fmi->fm", residual, residual)
-    seen = np.isfinite(square)
-    square[~seen] = 0.0
-    with np.errstate(invalid="ignore", divide="ignore"):
-        frame_residual = np.sqrt(square @ chosen.weights / (seen @ chosen.weights))
-        marker_residual = np.sqrt(square.sum(axis=0) / seen.sum(axis=0))
+    frame_residual, marker_residual = _residuals(take, chosen, r, t, template)
     warnings = warnings + _warnings(take, chosen, posed, estimate, r, s, sway)
     inverse = r.transpose(0, 2, 1) if turned else _inverse(r, pose)
     return Compensation(
@@ -326,6 +323,25 @@ def finish(
         posed.status, frame_residual, marker_residual, warnings, template, chosen, estimate, pose, pivot,
         reference, *sway, origin, outer,
     )  # fmt: skip
+
+
+def _residuals(
+    take: Capture, chosen: RigidMarkers, rotations: Array, translations: Array, template: Array
+) -> tuple[Array, Array]:
+    """Root-mean-square residual of every frame (F,), weighted, and of every rigid marker (R,)."""
+    by_frame = np.empty(take.frames)
+    total, count = np.zeros((2, len(chosen.columns)))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        for part in blocks(take.frames):
+            observed = take.points[part][:, chosen.columns]
+            residual = observed - apply_motion(rotations[part], translations[part], template)
+            square = np.einsum("fmi,fmi->fm", residual, residual)
+            seen = np.isfinite(square)
+            square[~seen] = 0.0
+            by_frame[part] = np.sqrt(square @ chosen.weights / (seen @ chosen.weights))
+            total += square.sum(axis=0)
+            count += seen.sum(axis=0)
+        return by_frame, np.sqrt(total / count)
 
 
 def _in_reference(
@@ -370,10 +386,10 @@ def _undone(take: Capture, inverse: Array, translations: Array) -> Capture:
     """The take with every position brought to the reference pose; angles, forces and the like as they were."""
     positions = [k for k, kind in enumerate(take.quantities) if kind == "position"]
     if len(positions) == len(take.labels):
-        return take.with_points(undo_motion(inverse.transpose(0, 2, 1), translations, take.points))
+        return take.with_points(undo_motion(inverse.transpose(0, 2, 1), translations, take.points), copy=False)
     moved = take.points.copy()
     moved[:, positions] = undo_motion(inverse.transpose(0, 2, 1), translations, moved[:, positions])
-    return take.with_points(moved)
+    return take.with_points(moved, copy=False)
 
 
 def _inverse(rotations: Array, pose: str) -> Array:

@@ -7,6 +7,8 @@ head pose maps the reference pose to the world by ``x = R P + T``. Angles are in
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -14,6 +16,11 @@ Array = NDArray[np.float64]
 
 BLOCK = 2048
 """Frames that are worked on at a time where a whole take would not fit the processor's cache."""
+
+
+def blocks(count: int, size: int = BLOCK) -> Iterator[slice]:
+    """Runs of at most ``size`` frames that together make ``count``."""
+    return (slice(start, min(start + size, count)) for start in range(0, count, size))
 
 
 def nearest_rotation(matrices: ArrayLike) -> Array:
@@ -160,7 +167,6 @@ def undo_motion(rotations: ArrayLike, translations: ArrayLike, points: ArrayLike
     x = np.asarray(points, dtype=np.float64)
     out = np.empty(x.shape)
     # Blocks that fit the cache: a take of a million frames does not, and twice the time goes by.
-    for start in range(0, len(x), BLOCK):
-        block = slice(start, start + BLOCK)
+    for block in blocks(len(x)):
         np.matmul(x[block] - t[block, None, :], r[block], out=out[block])
     return out

@@ -106,7 +106,6 @@ def compensate_as_published(
     return finish(
         take,
         chosen,
-        points,
         posed,
         final,
         ("auto", "per-frame"),

@@ -21,7 +21,7 @@ from evalkit import __version__
 from evalkit.capture import write_capture
 from evalkit.compensation import Compensation
 from evalkit.errors import EvalkitError, FrameStatus
-from evalkit.geometry import quaternion_from_rotation, rotation_angle
+from evalkit.geometry import blocks, quaternion_from_rotation, rotation_angle
 from evalkit.leak import AXES, Leak
 from evalkit.pivot.model import TRACE_COLUMNS
 
@@ -81,24 +81,17 @@ def check_output(directory: Path) -> None:
 
 def write_motion(result: Compensation, path: Path) -> None:
     """Head motion per frame as CSV with the columns :data:`MOTION_COLUMNS`; empty cells where unknown."""
-    numbers = np.column_stack(
-        [
-            np.arange(result.capture.frames) / result.capture.rate,
-            quaternion_from_rotation(_orthogonal(result.rotations)),
-            result.translations,
-            result.sway,
-            result.frame_residual,
-        ]
-    )
+    quaternions = quaternion_from_rotation(_orthogonal(result.rotations))
     digits = [6, *[9] * 4, *[4] * 7]  # microseconds, 1e-9 of a turn, 0.1 micrometre
     texts = np.array([FrameStatus(code).text for code in range(len(FrameStatus))], dtype=bytes)
     with path.open("wb") as file:
         file.write((",".join(MOTION_COLUMNS) + "\n").encode())
-        for start in range(0, len(numbers), 100_000):
-            rows = slice(start, start + 100_000)
-            frame = np.arange(start, start + len(numbers[rows]), dtype=np.float64)
+        for rows in blocks(len(quaternions), 50_000):
+            frame = np.arange(rows.start, rows.stop, dtype=np.float64)
+            own = (quaternions[rows], result.translations[rows], result.sway[rows], result.frame_residual[rows])
+            numbers = np.column_stack([frame / result.capture.rate, *own])
             cells = [_decimal(frame, 0)]
-            cells += [_decimal(column, d) for column, d in zip(numbers[rows].T, digits, strict=True)]
+            cells += [_decimal(column, d) for column, d in zip(numbers.T, digits, strict=True)]
             cells.append(_letters(texts[result.frame_status[rows]]))
             file.write(_joined(cells))
 
@@ -146,7 +139,7 @@ def _orthogonal(rotations: np.ndarray) -> np.ndarray:
     """Rotations a quaternion can hold; the paper's raw matrix is projected for this file only."""
     from evalkit.geometry import nearest_rotation
 
-    first = rotations[np.isfinite(rotations[:, 0, 0])][:50]
+    first = rotations[np.flatnonzero(np.isfinite(rotations[:, 0, 0]))[:50]]
     raw = not np.allclose(first @ first.transpose(0, 2, 1), np.eye(3), atol=1e-9)
     return nearest_rotation(rotations) if raw else rotations
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -170,9 +170,16 @@ class Capture:
             found.append(columns[label])
         return found
 
-    def with_points(self, points: ArrayLike) -> Capture:
-        """The same take with other positions (a processed copy), everything else kept."""
+    def with_points(self, points: ArrayLike, *, copy: bool = True) -> Capture:
+        """The same take with other positions (a processed copy), everything else kept.
+
+        Without ``copy`` the array itself is kept: for positions made for this take and nothing else, whose occluded
+        markers are NaN in all three coordinates.
+        """
         array = np.asarray(points, dtype=np.float64)
         if array.shape != self.points.shape:
             raise CaptureError(f"points have shape {array.shape}; the capture has {self.points.shape}")
-        return replace(self, points=array)
+        if copy:
+            return replace(self, points=array)
+        kept = {item.name: getattr(self, item.name) for item in fields(self) if item.name != "points"}
+        return Capture._adopt(array, **kept)

@@ -14,10 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from evalkit.geometry import Array, cross_matrix
+from evalkit.geometry import Array, blocks, cross_matrix
 from evalkit.pivot.spline import Basis, roughness
 
-CHUNK = 2048
+CHUNK = 1 << 19
+"""Numbers in the frames' own matrices (3 M, 3 M) that are worked on at a time."""
 
 RANK = 1e-13
 """Part of the largest information below which a direction counts as unseen."""
@@ -102,42 +103,36 @@ def information(shape: ArrayLike, rotations: Array, weights: Array, basis: Basis
     """
     p = np.asarray(shape, dtype=np.float64)
     count, frames = len(p), len(rotations)
-    if weights.ndim == 1:
-        rows, which = weights[None], np.zeros(frames, dtype=int)
-    else:
-        rows, which = np.unique(weights, axis=0, return_inverse=True)
-        which = np.ravel(which)
-    many = np.bincount(which, minlength=len(rows)).astype(np.float64)
     corner = np.zeros((3 * count, 3 * count))
     border = np.zeros((basis.size, 9 * count))
-    path = np.empty((frames, 3, 3))
-    order = np.argsort(which, kind="stable")
-    bounds = np.searchsorted(which[order], np.arange(len(rows) + 1))
-    step = max(CHUNK * 36 // max((3 * count) ** 2, 36), 1)
-    for start in range(0, len(rows), step):
-        block = slice(start, min(start + step, len(rows)))
-        pp, dp, dd = _reduced(p, rows[block])
-        corner += np.einsum("u,uab->ab", many[block], pp)
+    diagonals = np.zeros((basis.values.shape[1], basis.size, 9))
+    for block in blocks(frames, max(CHUNK // (3 * count) ** 2, 1)):
+        r = rotations[block]
+        if weights.ndim == 1:
+            rows, which = weights[None], np.zeros(len(r), dtype=int)
+        else:
+            rows, which = np.unique(weights[block], axis=0, return_inverse=True)
+            which = np.ravel(which)
+        pp, dp, dd = _reduced(p, rows)
+        corner += np.einsum("u,uab->ab", np.bincount(which, minlength=len(rows)).astype(np.float64), pp)
+        # The functions that these frames meet and no others, or the cost would be quadratic in a take's length.
+        part, met = basis.part(block)
         if len(rows) == 1:
-            path[:] = rotations @ dd[0] @ rotations.transpose(0, 2, 1)
-            border += (basis.gather(rotations.reshape(-1, 9)).reshape(-1, 3, 3) @ dp[0]).reshape(basis.size, -1)
-            break
-        mine = np.sort(order[bounds[block.start] : bounds[block.stop]])
-        local = which[mine] - start
-        r = rotations[mine]
-        path[mine] = r @ dd[local] @ r.transpose(0, 2, 1)
-        part = Basis(basis.first[mine], basis.values[mine], basis.size, basis.spacing_s)
-        border += part.gather((r @ dp[local]).reshape(len(mine), -1))
-    blocks = basis.bands(path.reshape(-1, 9)).reshape(-1, basis.size, 3, 3)
-    band = np.zeros((3 * len(blocks), 3 * basis.size))
-    for m, block_row in enumerate(blocks):
+            border[met] += (part.gather(r.reshape(-1, 9)).reshape(-1, 3, 3) @ dp[0]).reshape(part.size, -1)
+            path = r @ dd[0] @ r.transpose(0, 2, 1)
+        else:
+            border[met] += part.gather((r @ dp[which]).reshape(len(r), -1))
+            path = r @ dd[which] @ r.transpose(0, 2, 1)
+        diagonals[:, met] += part.bands(path.reshape(-1, 9))
+    band = np.zeros((3 * len(diagonals), 3 * basis.size))
+    for m, block_row in enumerate(diagonals.reshape(-1, basis.size, 3, 3)):
         for row in range(3):
             for column in range(3):
                 if 3 * m + row >= column:
                     band[3 * m + row - column, column::3] += block_row[:, row, column]
     largest = float(band[0].max(initial=0.0))
-    smooth = roughness(basis.size, len(blocks))
-    for m in range(len(blocks)):
+    smooth = roughness(basis.size, len(diagonals))
+    for m in range(len(diagonals)):
         band[3 * m] += np.repeat(1e-15 * largest * smooth[m], 3)
     band[0] += 1e-16 * largest
     turn = cross_matrix(p).reshape(-1, 3)

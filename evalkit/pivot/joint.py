@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from evalkit.errors import EvalkitError
-from evalkit.geometry import Array
+from evalkit.geometry import Array, blocks
 from evalkit.pivot.algebraic import score
 from evalkit.pivot.bound import inertia
 from evalkit.pivot.information import Information, information
@@ -167,9 +167,10 @@ def joint(
     origin = position
     arms = pose.template - _head_pivot(pose, origin)
     unit = max(float(np.linalg.norm(arms, axis=1).mean()), 1e-9)
-    problem = _Problem(
-        (np.where(np.isfinite(x), x, origin) - origin) / unit, w, origin, unit, _functional(reference, used), hidden
-    )
+    x = x - origin
+    x /= unit
+    x[~np.isfinite(x)] = 0.0
+    problem = _Problem(x, w, origin, unit, _functional(reference, used), hidden)
     rotations = pose.rotations[used]
     still = Fit(rotations, arms / unit, np.zeros((1, 3)), constant(len(used)), np.inf, 0, 0, 0, False, None)  # type: ignore[arg-type]
     if len(hidden):
@@ -262,7 +263,7 @@ def _choose(problem: _Problem, start: Fit, used: np.ndarray, frames: int, rate: 
     thin, begin = problem.part(some), replace(start, rotations=start.rotations[some])
     begin = replace(begin, basis=constant(len(some)))
     still = last = _fit(thin, begin, max_iterations=10)
-    splines: list[tuple[Fit, Basis]] = []
+    splines: list[tuple[Fit, float]] = []
     seconds = (frames - 1) / rate
     spans = max(COARSEST, int(np.ceil(seconds / SLOWEST_S)))
     # Residuals at the rounding of the arithmetic leave nothing for a sway to explain.
@@ -272,19 +273,19 @@ def _choose(problem: _Problem, start: Fit, used: np.ndarray, frames: int, rate: 
         starts = [_on(fit, thin, finer, used[some]) for fit in ((begin, last) if splines else (begin,))]
         costs = [_projected(thin, fit.shape, fit.basis.evaluate(fit.coefficients))[2] for fit in starts]
         last = _fit(thin, starts[int(np.argmin(costs))], max_iterations=12, tolerance=1e-3)
-        splines.append((last, finer))
+        splines.append((last, seconds / spans))
         worse = len(splines) > 1 and last.criterion(2.0) > splines[-2][0].criterion(2.0)
         if worse and seconds / spans < ALWAYS_S:
             break
         spans *= 2
-    best, basis = still, start.basis
+    best, spacing = still, np.inf
     log_n = float(np.log(max(still.observations, 2)))
     if any(fit.criterion(log_n) < still.criterion(log_n) for fit, _ in splines):
-        best, basis = min(splines, key=lambda entry: entry[0].criterion(2.0))
+        best, spacing = min(splines, key=lambda entry: entry[0].criterion(2.0))
     if len(some) == len(used):
         return _fit(problem, best)
-    if len(best.coefficients) > 1:
-        basis = replace(basis, first=basis.first[used], values=basis.values[used])
+    basis = cubic(frames, rate, spacing) if np.isfinite(spacing) else constant(frames)
+    basis = replace(basis, first=basis.first[used], values=basis.values[used])
     return _fit(problem, replace(best, rotations=start.rotations, basis=basis))
 
 
@@ -307,18 +308,18 @@ def _on(fit: Fit, problem: _Problem, basis: Basis, used: np.ndarray) -> Fit:
 
 def _fit(problem: _Problem, fit: Fit, max_iterations: int = MAX_ITERATIONS, tolerance: float = TOLERANCE) -> Fit:
     """Gauss-Newton with damping from a start; rotations are optimal for shape and path at every step."""
-    rotations, residual, cost = _projected(problem, fit.shape, fit.basis.evaluate(fit.coefficients))
+    rotations, pull, cost = _projected(problem, fit.shape, fit.basis.evaluate(fit.coefficients))
     shape, coefficients, basis = fit.shape, fit.coefficients, fit.basis
     damping, converged, iterations = 0.0, False, 0
     matrix = information(shape, rotations, problem.weights, basis)
     while iterations < max_iterations and not converged:
         iterations += 1
-        da, dp = _step(problem, matrix, shape, coefficients, rotations, residual, basis, damping)
+        da, dp = _step(problem, matrix, shape, rotations, pull, basis, damping)
         trial = _projected(problem, shape + dp, basis.evaluate(coefficients + da))
         if trial[2] <= cost * (1.0 + 1e-14):
             fell = cost - trial[2]
             shape, coefficients = shape + dp, coefficients + da
-            rotations, residual, cost = trial
+            rotations, pull, cost = trial
             damping = 0.0 if damping < 1e-4 else damping / 10
             converged = fell <= tolerance * cost or cost < 1e-26 * len(rotations)
             matrix = information(shape, rotations, problem.weights, basis)
@@ -331,27 +332,44 @@ def _fit(problem: _Problem, fit: Fit, max_iterations: int = MAX_ITERATIONS, tole
     return Fit(rotations, shape, coefficients, basis, cost, observations, parameters, iterations, converged, matrix)
 
 
-def _projected(problem: _Problem, shape: Array, path: Array) -> tuple[Array, Array, float]:
-    """Best rotations for shape and path, the residuals in head axes (F, M, 3), and the weighted cost."""
-    arm = problem.points - path[:, None, :]
-    w = problem.weights
-    weighted = arm * (w[:, None] if w.ndim == 1 else w[:, :, None])
-    total = np.broadcast_to((w * (shape**2).sum(axis=1)).sum(axis=-1), len(arm))
-    square = np.einsum("fmi,fmi->f", weighted, arm) + total
-    rotations = best_rotations(weighted.transpose(0, 2, 1) @ shape, square)
-    residual = arm @ rotations - shape
-    weighted = residual * (w[:, None] if w.ndim == 1 else w[:, :, None])
-    return rotations, weighted, float(np.einsum("fmi,fmi->", weighted, residual))
+@dataclass(frozen=True, eq=False)
+class _Pull:
+    """Sums of the weighted residuals in head axes, which are too many to keep: by frame (F, 3), by marker (M, 3)."""
+
+    frames: Array
+    markers: Array
+
+
+def _projected(problem: _Problem, shape: Array, path: Array) -> tuple[Array, _Pull, float]:
+    """Best rotations for shape and path, what their residuals pull at, and the weighted cost."""
+    rotations = np.empty((len(path), 3, 3))
+    pull, cost = _Pull(np.empty((len(path), 3)), np.zeros(shape.shape)), 0.0
+    for part in blocks(len(path)):
+        w = _column(problem.weights, part)
+        arm = problem.points[part] - path[part, None, :]
+        weighted = arm * w
+        total = (w[..., 0] * (shape**2).sum(axis=1)).sum(axis=-1)
+        square = np.einsum("fmi,fmi->f", weighted, arm) + total
+        rotations[part] = best_rotations(weighted.transpose(0, 2, 1) @ shape, square)
+        residual = arm @ rotations[part] - shape
+        weighted = residual * w
+        pull.frames[part] = weighted.sum(axis=1)
+        pull.markers[:] += weighted.sum(axis=0)
+        cost += float(np.einsum("fmi,fmi->", weighted, residual))
+    return rotations, pull, cost
+
+
+def _column(weights: Array, part: slice) -> Array:
+    """Weights of some frames in the shape that multiplies points: (M, 1) or (B, M, 1)."""
+    return (weights if weights.ndim == 1 else weights[part])[..., None]
 
 
 def _step(
-    problem: _Problem, matrix: Information, shape: Array, coefficients: Array, rotations: Array, residual: Array,
-    basis: Basis, damping: float,
-) -> tuple[Array, Array]:  # fmt: skip
+    problem: _Problem, matrix: Information, shape: Array, rotations: Array, pull: _Pull, basis: Basis, damping: float
+) -> tuple[Array, Array]:
     """Change of coefficients and shape."""
-    pull = residual.sum(axis=1)
-    right_path = basis.gather((rotations @ pull[:, :, None])[:, :, 0]).reshape(-1, 1)
-    right_shape = residual.sum(axis=0).reshape(-1, 1)
+    right_path = basis.gather((rotations @ pull.frames[:, :, None])[:, :, 0]).reshape(-1, 1)
+    right_shape = pull.markers.reshape(-1, 1)
     if damping:
         matrix = replace(
             matrix,
@@ -375,14 +393,6 @@ def _step(
     about = shape - shape.mean(axis=0)
     turn = np.linalg.pinv(inertia(about), hermitian=True) @ np.cross(about, dp).sum(axis=0)
     return da.reshape(-1, 3), dp - np.cross(turn, shape)
-
-
-def _variance(problem: _Problem, weighted: Array) -> float:
-    """Noise variance of a coordinate of unit weight from weighted residuals, in squared units of the problem."""
-    w = problem.weights if problem.weights.ndim == 2 else np.broadcast_to(problem.weights, weighted.shape[:2])
-    part = np.divide(1.0, w, out=np.zeros(w.shape), where=w > 0)
-    freedom = max(3 * int((w > 0).sum()) - 3 * len(weighted), 1)
-    return float(np.einsum("fmi,fmi,fm->", weighted, weighted, part, optimize=True)) / freedom
 
 
 def _robust(problem: _Problem, fit: Fit) -> tuple[_Problem, Fit]:
@@ -417,14 +427,10 @@ def _reported(
 ) -> Pivot:
     functional = fit.matrix.path_weights(problem.frame)
     va, vp = fit.matrix.solve(functional, np.zeros((3 * len(fit.shape), 3)))
-    _, residual, _ = _projected(problem, fit.shape, fit.basis.evaluate(fit.coefficients))
     spread = functional.T @ va
     spread = 0.5 * (spread + spread.T)
-    white = _variance(problem, residual) * spread
-    # Influence of each frame on the pivot: its own part of the right side through the inverse.
-    turned = (fit.rotations @ residual.sum(axis=1)[:, :, None])[:, :, 0]
-    influence = np.einsum("fi,fik->fk", turned, fit.basis.evaluate(va.reshape(-1, 9)).reshape(-1, 3, 3))
-    influence += residual.reshape(len(residual), -1) @ vp
+    variance, influence = _influence(problem, fit, va, vp)
+    white = variance * spread
     blocks = block_covariance(influence, pose.ok)
     inflation = float(np.trace(np.linalg.pinv(white, hermitian=True) @ blocks)) / 3.0
     covariance = problem.unit**2 * white * (inflation if inflation > INFLATED else 1.0)
@@ -454,6 +460,27 @@ def _reported(
         anchor=position,
     )  # fmt: skip
     return replace(verdict, pose=own, sway_spacing_s=fit.basis.spacing_s)
+
+
+def _influence(problem: _Problem, fit: Fit, va: Array, vp: Array) -> tuple[float, Array]:
+    """Noise variance of a coordinate of unit weight, in squared units of the problem, and the influence (F, 3) of each
+    frame on the pivot: its own part of the right side through the inverse.
+    """
+    rotations, _, _ = _projected(problem, fit.shape, fit.basis.evaluate(fit.coefficients))
+    influence = np.empty((len(rotations), 3))
+    cost, seen = 0.0, 0
+    for part in blocks(len(influence)):
+        basis, met = fit.basis.part(part)
+        w = _column(problem.weights, part)
+        arm = problem.points[part] - basis.evaluate(fit.coefficients[met])[:, None, :]
+        residual = (arm @ rotations[part] - fit.shape) * (w > 0)
+        weighted = residual * w
+        cost += float(np.einsum("fmi,fmi->", weighted, residual))
+        seen += int(np.broadcast_to(w[..., 0] > 0, residual.shape[:2]).sum())
+        turned = (fit.rotations[part] @ weighted.sum(axis=1)[:, :, None])[:, :, 0]
+        response = basis.evaluate(va.reshape(-1, 9)[met]).reshape(-1, 3, 3)
+        influence[part] = np.einsum("fi,fik->fk", turned, response) + weighted.reshape(len(turned), -1) @ vp
+    return cost / max(3 * seen - 3 * len(influence), 1), influence
 
 
 def _moved(problem: _Problem, fit: Fit, response: tuple[Array, Array], spread: Array, by: Array) -> Fit:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from evalkit.errors import EvalkitError
-from evalkit.geometry import Array, nearest_rotation
+from evalkit.geometry import Array, apply_motion, blocks, nearest_rotation
 from evalkit.pose.model import Pose, whole_markers
 
 BLOCKS = 24
@@ -145,10 +145,13 @@ def rotation_noise(points: Array, pose: Pose) -> Array:
     frame), J_c the second moment ``sum |p|² I - p p'`` of the template about its centroid. Skin that moves
     with the rotation leaves no residual and is not seen here.
     """
-    residual = pose.residuals(points)[pose.known]
-    seen = np.isfinite(residual[:, :, 0])
-    freedom = max(3.0 * seen.sum() - 6.0 * len(residual), 1.0)
-    variance = float(np.nansum(residual**2)) / freedom
+    square, seen = 0.0, 0
+    for part in blocks(len(points)):
+        # NaN where the pose is not known, too.
+        residual = points[part] - apply_motion(pose.rotations[part], pose.translations[part], pose.template)
+        square += float(np.nansum(residual**2))
+        seen += int(np.isfinite(residual[:, :, 0]).sum())
+    variance = square / max(3.0 * seen - 6.0 * int(pose.ok.sum()), 1.0)
     shape = pose.template - pose.template.mean(axis=0)
     inertia = (shape**2).sum() * np.eye(3) - shape.T @ shape
     return variance * np.linalg.pinv(inertia)

@@ -35,6 +35,12 @@ class Basis:
         """Sum of the functions, shape (K, D) to (F, D)."""
         return sum(self.values[:, q, None] * coefficients[self.first + q] for q in range(self.values.shape[1]))
 
+    def part(self, frames: slice) -> tuple[Basis, slice]:
+        """The functions that consecutive frames meet, in these frames, and which functions they are."""
+        first, values = self.first[frames], self.values[frames]
+        met = slice(int(first[0]), int(first[-1]) + values.shape[1])
+        return Basis(first - met.start, values, met.stop - met.start, self.spacing_s), met
+
     def gather(self, data: Array) -> Array:
         """Transposed product ``B' data``, shape (F, D) to (K, D)."""
         out = np.zeros((self.size, data.shape[1]))

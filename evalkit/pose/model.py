@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from evalkit.errors import EvalkitError, FrameStatus
-from evalkit.geometry import Array, apply_motion
+from evalkit.geometry import Array, apply_motion, blocks
 
 COLLINEAR_RATIO = 0.01
 """Markers whose spread across their common line is below this part of the spread along it count as collinear:
@@ -133,10 +133,14 @@ def check(template: ArrayLike, points: ArrayLike) -> tuple[Array, Array]:
 
 def whole_markers(points: ArrayLike) -> Array:
     """Positions (F, M, 3); a marker with any coordinate that is not finite is missing: all three NaN."""
-    x = np.asarray(points, dtype=np.float64)
-    missing = np.isnan(x)
-    partly = np.asarray(~np.isfinite(x).all(axis=-1) & ~missing.all(axis=-1))
-    return np.where(partly[..., None], np.nan, x) if partly.any() else x
+    given = whole = np.asarray(points, dtype=np.float64)
+    for part in blocks(len(given)):
+        x = given[part]
+        partly = ~np.isfinite(x).all(axis=-1) & ~np.isnan(x).all(axis=-1)
+        if partly.any():
+            whole = given.copy() if whole is given else whole
+            whole[part][partly] = np.nan
+    return whole
 
 
 def moments(template: ArrayLike, points: ArrayLike, weights: ArrayLike | None = None) -> Moments:
@@ -165,31 +169,35 @@ def moments(template: ArrayLike, points: ArrayLike, weights: ArrayLike | None = 
     with np.errstate(invalid="ignore"):  # two infinities of opposite sign
         visible = np.isfinite(observed[:, :, 0] + observed[:, :, 1] + observed[:, :, 2]) & known
     solid = np.nan_to_num(shape, nan=0.0, posinf=0.0, neginf=0.0)
-    if visible.all() and given.ndim == 1:
-        used, w, x = given, given[None, :], observed
-        seen = np.broadcast_to(given > 0, visible.shape)
-    else:
-        used = w = visible * given
-        x = np.where(visible[:, :, None], observed, 0.0)
-        seen = w > 0
+    everything = visible.all() and given.ndim == 1
+    used = given if everything else visible * given
+    seen = np.broadcast_to(given > 0, visible.shape) if everything else used > 0
     status = _status(solid, seen, len(observed))
-    total = np.maximum(w.sum(axis=1), 1e-300)[:, None]
-    point_mean = (w[:, None, :] @ x)[:, 0] / total
-    template_mean = np.broadcast_to(w @ solid / total, point_mean.shape)
-    centred = x - point_mean[:, None, :]
-    weighted = centred if (w == 1).all() else centred * w[:, :, None]
     # The centred points sum to zero, so any fixed origin of the template serves; a near one keeps the digits.
     origin = solid.sum(axis=0, where=known[:, None]) / max(known.sum(), 1)
-    cross = weighted.transpose(0, 2, 1) @ (solid - origin)
-    second = weighted.transpose(0, 2, 1) @ centred
-    # Which markers count, not how much: weights that are small but not zero must not change the status.
-    spans = second if ((w == 0) | (w == 1)).all() else _second_moment(x, seen)
-    status[(status == FrameStatus.OK) & _in_one_line(spans)] = FrameStatus.COLLINEAR
-    ok = status == FrameStatus.OK
-    cross[~ok] = np.eye(3)
-    spread = (w @ ((solid - origin) ** 2).sum(axis=1)) - total[:, 0] * ((template_mean - origin) ** 2).sum(axis=1)
-    square = second[:, 0, 0] + second[:, 1, 1] + second[:, 2, 2] + spread
-    return Moments(cross, np.where(ok[:, None], point_mean, np.nan), template_mean, square, status, shape, used)
+    local = solid - origin
+    cross = np.empty((len(observed), 3, 3))
+    point_mean, template_mean = np.empty((2, len(observed), 3))
+    square = np.empty(len(observed))
+    for part in blocks(len(observed)):
+        w = given[None, :] if everything else used[part]
+        x = observed[part] if everything else np.where(visible[part, :, None], observed[part], 0.0)
+        total = np.maximum(w.sum(axis=1), 1e-300)[:, None]
+        point_mean[part] = (w[:, None, :] @ x)[:, 0] / total
+        template_mean[part] = w @ solid / total
+        centred = x - point_mean[part, None, :]
+        weighted = centred if (w == 1).all() else centred * w[:, :, None]
+        cross[part] = weighted.transpose(0, 2, 1) @ local
+        second = weighted.transpose(0, 2, 1) @ centred
+        # Which markers count, not how much: weights that are small but not zero must not change the status.
+        spans = second if ((w == 0) | (w == 1)).all() else _second_moment(x, seen[part])
+        status[part][(status[part] == FrameStatus.OK) & _in_one_line(spans)] = FrameStatus.COLLINEAR
+        spread = w @ (local**2).sum(axis=1) - total[:, 0] * ((template_mean[part] - origin) ** 2).sum(axis=1)
+        square[part] = second[:, 0, 0] + second[:, 1, 1] + second[:, 2, 2] + spread
+    lost = status != FrameStatus.OK
+    cross[lost] = np.eye(3)
+    point_mean[lost] = np.nan
+    return Moments(cross, point_mean, template_mean, square, status, shape, used)
 
 
 def _second_moment(points: Array, seen: np.ndarray) -> Array:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from evalkit.errors import FrameStatus
-from evalkit.geometry import Array, det3
+from evalkit.geometry import Array, blocks, det3
 from evalkit.pose.horn import key_matrix, rotation_from_quaternion
 from evalkit.pose.model import Pose, moments
 
@@ -54,6 +54,13 @@ def best_rotations(cross: Array, square: Array) -> Array:
     -------
     ndarray, shape (F, 3, 3)
     """
+    rotations = np.empty((len(cross), 3, 3))
+    for part in blocks(len(cross)):
+        rotations[part] = _best_rotations(cross[part], square[part])
+    return rotations
+
+
+def _best_rotations(cross: Array, square: Array) -> Array:
     # Scaled so that the root lies near one: the polynomial of a millimetre-sized face would reach 1e16.
     scale = np.maximum(square, 1e-300) / 2.0
     # Frames last: every step below is elementwise, and a component of all frames is then one run of memory.

@@ -29,6 +29,7 @@ from evalkit.capture.rigid import MIN_SEEN, RigidMarkers, choose_rigid, distance
 from evalkit.errors import EvalkitError
 from evalkit.geometry import (
     Array,
+    blocks,
     cross_matrix,
     mean_rotation,
     nearest_rotation,
@@ -380,21 +381,23 @@ def _skin_pose(model: SkinModel, template: ArrayLike, points: ArrayLike, weights
     turn = _turn_between(model, shape)
     inverse = _inverse(turn @ model.scatter @ turn.T)
     given: Array = np.ones(len(shape)) if weights is None else np.asarray(weights, dtype=np.float64)
-    start = qcp(shape, observed, given * model.weights)
-    rotations, translations = start.rotations.copy(), start.translations.copy()
-    used = np.broadcast_to(start.weights > 0, observed.shape[:2]) & np.isfinite(observed).all(axis=2)
-    used = used & np.isfinite(shape).all(axis=1)
-    final = np.zeros(observed.shape[:2])
-    frames = np.flatnonzero(start.ok)
-    for first in range(0, len(frames), BLOCK):
-        k = frames[first : first + BLOCK]
-        w = np.where(used[k], given[k] if given.ndim == 2 else given, 0.0)
+    rotations, translations = np.empty((len(observed), 3, 3)), np.empty((len(observed), 3))
+    status, final = np.empty(len(observed), dtype=np.int8), np.zeros(observed.shape[:2])
+    for part in blocks(len(observed), BLOCK):
+        own = given[part] if given.ndim == 2 else given
+        start = qcp(shape, observed[part], own * model.weights)
+        rotations[part], translations[part], status[part] = start.rotations, start.translations, start.status
+        used = (start.weights > 0) & np.isfinite(observed[part]).all(axis=2) & np.isfinite(shape).all(axis=1)
+        k = np.flatnonzero(start.ok)
+        if not len(k):
+            continue
+        w = np.where(used, own, 0.0)[k]
         w = w / w.max(axis=1, keepdims=True)
-        x = np.where(used[k][:, :, None], observed[k], 0.0)
-        rotations[k], translations[k], final[k] = _solve(
-            np.nan_to_num(shape), inverse, x, w, rotations[k], translations[k]
-        )
-    return Pose(rotations, translations, start.status, shape, final * model.weights)
+        x = np.where(used[:, :, None], observed[part], 0.0)[k]
+        k += part.start
+        rotations[k], translations[k], tau = _solve(np.nan_to_num(shape), inverse, x, w, rotations[k], translations[k])
+        final[k] = tau * model.weights
+    return Pose(rotations, translations, status, shape, final)
 
 
 def _turn_between(model: SkinModel, shape: Array) -> Array:

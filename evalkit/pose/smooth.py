@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from evalkit.geometry import Array, cross_matrix, rotation_from_vector, rotation_vector
+from evalkit.geometry import Array, apply_motion, blocks, cross_matrix, rotation_from_vector, rotation_vector
 from evalkit.pose.model import Pose, check, whole_markers
 
 MAX_ITERATIONS = 20
@@ -136,16 +136,18 @@ def smooth(
     centre = None if about is None else np.asarray(about, dtype=np.float64)
     inertia, middle = _inertia(pose.template, weights, centre)
     noise_mm = _noise(pose, x, weights, turned=centre is not None)
+    del points, x, weights
     known = np.flatnonzero(pose.ok)
-    covariance = noise_mm**2 * np.linalg.inv(inertia[known])
-    measured = float(np.sqrt(np.trace(covariance, axis1=1, axis2=2).mean())) if len(known) else np.nan
+    variances = noise_mm**2 * np.trace(np.linalg.inv(inertia[known]), axis1=1, axis2=2)
+    measured = float(np.sqrt(variances.mean())) if len(known) else np.nan
     if len(known) < FEWEST or not measured > NOISELESS_RAD:
         return Smoothed(pose, np.inf, noise_mm, 3.0 * len(known), np.degrees(measured), np.degrees(measured), 0)
-    problem = _Problem(_bridged(pose.rotations, known), inertia / noise_mm**2)
+    inertia /= noise_mm**2
+    problem = _Problem(_bridged(pose.rotations, known), inertia)
     path, strength, iterations = problem.solved()
     freedom, variance = problem.spread(path, strength, known)
     acceleration = float(np.degrees(rate**2 / np.sqrt(strength)))
-    own = replace(pose, rotations=path, translations=_translations(pose, path, middle, known, len(weights)))
+    own = replace(pose, rotations=path, translations=_translations(pose, path, middle, known))
     if not bridge:
         lost = ~pose.ok[:, None]
         own = replace(
@@ -176,14 +178,20 @@ def _inertia(template: Array, weights: Array, about: Array | None) -> tuple[Arra
 
 def _noise(pose: Pose, points: Array, weights: Array, turned: bool) -> float:
     """Standard deviation per axis of a marker of unit weight, mm: each frame's pose takes three or six freedoms."""
-    residual = np.nan_to_num(pose.residuals(points))
+    square = 0.0
+    for part in blocks(len(points)):
+        fitted = apply_motion(pose.rotations[part], pose.translations[part], pose.template)
+        residual = np.nan_to_num(points[part] - fitted)
+        square += float(np.einsum("fm,fmi,fmi->", weights[part], residual, residual))
     frames = int((weights > 0).any(axis=1).sum())
     freedom = 3 * int((weights > 0).sum()) - (3 if turned else 6) * frames
-    return float(np.sqrt(np.einsum("fm,fmi,fmi->", weights, residual, residual) / max(freedom, 1)))
+    return float(np.sqrt(square / max(freedom, 1)))
 
 
 def _bridged(rotations: Array, known: np.ndarray) -> Array:
     """Rotations with the missing ones between two known turned evenly, and held before the first and last."""
+    if len(known) == len(rotations):
+        return rotations
     frames = np.arange(len(rotations))
     after = np.searchsorted(known, frames).clip(0, len(known) - 1)
     before = (np.searchsorted(known, frames, side="right") - 1).clip(0)
@@ -196,16 +204,16 @@ def _bridged(rotations: Array, known: np.ndarray) -> Array:
     return path
 
 
-def _translations(pose: Pose, rotations: Array, middle: Array, known: np.ndarray, frames: int) -> Array:
+def _translations(pose: Pose, rotations: Array, middle: Array, known: np.ndarray) -> Array:
     """Translations (F, 3) that keep the path of the middle (F, 3), interpolated where it is not known."""
-    out = np.empty((frames, 3))
+    out = np.empty(middle.shape)
     at = middle[known]
     placed = np.einsum("fij,fj->fi", pose.rotations[known], at) + pose.translations[known]
     # Between known frames one and the same point of the head has to be followed.
     fixed = middle.mean(axis=0)
     path = np.einsum("fij,j->fi", rotations[known], fixed) - np.einsum("fij,fj->fi", rotations[known], at) + placed
     for axis in range(3):
-        out[:, axis] = np.interp(np.arange(frames), known, path[:, axis])
+        out[:, axis] = np.interp(np.arange(len(out)), known, path[:, axis])
     return out - np.einsum("fij,j->fi", rotations, fixed)
 
 
@@ -214,14 +222,11 @@ class _Problem:
 
     def __init__(self, measured: Array, information: Array) -> None:
         self.measured, self.information = measured, information
-        self.frames = len(measured)
         self.scale = float(np.trace(information, axis1=1, axis2=2).mean()) / 3.0
-        self.data = np.zeros((9, 3 * self.frames))
-        _add(self.data, information, 0)
 
     def solved(self) -> tuple[Array, float, int]:
         """Path of greatest posterior density, strength and iterations."""
-        path = self.measured
+        path = self.measured.copy()
         low, high = np.log(self.scale * np.array([WEAKEST, STRONGEST]))
         log_strength = np.nan
         for iteration in range(1, MAX_ITERATIONS + 1):
@@ -232,7 +237,8 @@ class _Problem:
             elif iteration == 2:
                 log_strength = _minimum(deviance, log_strength + np.array([-0.5, 0.0, 0.5]))
             turn = step(log_strength)
-            path = path @ rotation_from_vector(turn)
+            for part in blocks(len(path)):
+                path[part] = path[part] @ rotation_from_vector(turn[part])
             if np.abs(turn).max() < TOLERANCE_RAD:
                 break
         return path, float(np.exp(log_strength)), iteration
@@ -242,65 +248,87 @@ class _Problem:
 
         Both are traces of an inverse that is full: ``tr(H^-1 A) = d log|H + t A| / dt`` needs only determinants.
         """
-        _, blocks = _second_difference(path)
-        prior = strength * _normal(blocks, self.frames)
-        part = np.zeros_like(self.data)
-        part[0].reshape(-1, 3)[known] = 1.0
-        smallest = float(np.linalg.eigvalsh(self.information[known])[:, 0].min())
-        slopes = []
-        for direction, t in ((self.data, 1e-3), (part, 1e-3 * smallest)):
-            up, down = (_log_determinant(self.data + prior + sign * t * direction) for sign in (1.0, -1.0))
-            slopes.append((up - down) / (2.0 * t))
-        return slopes[0], slopes[1] / len(known)
+        prior = _normal(_turns(path))
+
+        def log_determinant(more: float, alike: float) -> float:
+            bands = self._posterior(prior, strength, 1.0 + more)
+            bands[0].reshape(-1, 3)[known] += alike
+            return 2.0 * float(np.log(_factor(bands)[0]).sum())
+
+        t, s = 1e-3, 1e-3 * float(np.linalg.eigvalsh(self.information[known])[:, 0].min())
+        freedom = (log_determinant(t, 0.0) - log_determinant(-t, 0.0)) / (2.0 * t)
+        return freedom, (log_determinant(0.0, s) - log_determinant(0.0, -s)) / (2.0 * s) / len(known)
+
+    def _posterior(self, prior: Array, strength: float, part: float = 1.0) -> Array:
+        """Lower bands (9, 3 F) of the data's information, or a part of it, and of the prior's."""
+        bands = np.multiply(strength, prior, order="F")
+        _add(bands, part * self.information, 0)
+        return bands
 
     def _linearised(self, path: Array) -> tuple[Callable[[float], Array], Callable[[float], float]]:
         """Gauss-Newton step (F, 3) from a path, and twice the negative log marginal likelihood, by log strength."""
-        from scipy.linalg import cho_solve_banded, cholesky_banded
+        from scipy.linalg import cho_solve_banded
 
-        offset = rotation_vector(path.transpose(0, 2, 1) @ self.measured)
+        offset = np.empty(path.shape[:2])
+        for part in blocks(len(path)):
+            offset[part] = rotation_vector(path[part].transpose(0, 2, 1) @ self.measured[part])
         pull = np.einsum("fij,fj->fi", self.information, offset)
-        bend, blocks = _second_difference(path)
-        push = np.zeros_like(offset)
-        for k, block in enumerate(blocks):
-            push[k : k + len(bend)] -= np.einsum("fji,fj->fi", block, bend)
-        prior = _normal(blocks, self.frames)
+        turns = _turns(path)
+        bend, push = np.diff(turns, axis=0), np.zeros_like(offset)
+        for start, derivatives in _derivatives(turns):
+            for k, block in enumerate(derivatives, start):
+                push[k : k + len(block)] -= np.einsum("fji,fj->fi", block, bend[start : start + len(block)])
+        prior = _normal(turns)
 
-        def solve(log_strength: float) -> tuple[Array, Array]:
+        def solve(log_strength: float) -> tuple[Array, float]:
             strength = np.exp(log_strength)
-            factor = cholesky_banded(self.data + strength * prior, lower=True, check_finite=False)
+            factor = _factor(self._posterior(prior, strength))
             right = (pull + strength * push).ravel()
-            return cho_solve_banded((factor, True), right, check_finite=False).reshape(-1, 3), factor
+            turn = cho_solve_banded((factor, True), right, overwrite_b=True, check_finite=False)
+            return turn.reshape(-1, 3), 2.0 * float(np.log(factor[0]).sum())
 
         def deviance(log_strength: float) -> float:
-            turn, factor = solve(log_strength)
+            turn, log_determinant = solve(log_strength)
+            bent = bend.copy()
+            for start, derivatives in _derivatives(turns):
+                for k, block in enumerate(derivatives, start):
+                    bent[start : start + len(block)] += np.einsum("fij,fj->fi", block, turn[k : k + len(block)])
             left = turn - offset
-            bent = bend + sum(np.einsum("fij,fj->fi", b, turn[k : k + len(bend)]) for k, b in enumerate(blocks))
             cost = np.einsum("fi,fij,fj->", left, self.information, left) + np.exp(log_strength) * (bent**2).sum()
             # The prior says nothing of six freedoms, an even turn: its determinant is that of the others.
-            return float(cost + 2.0 * np.log(factor[0]).sum() - 3 * len(bend) * log_strength)
+            return float(cost + log_determinant - 3 * len(bend) * log_strength)
 
         return lambda log_strength: solve(log_strength)[0], deviance
 
 
-def _second_difference(path: Array) -> tuple[Array, tuple[Array, Array, Array]]:
-    """``w_{i+1} - w_i`` of a path, shape (F - 2, 3), rad, and its derivatives (F - 2, 3, 3) by turns of three frames.
+def _turns(path: Array) -> Array:
+    """Turns from one frame to the next, shape (F - 1, 3), rad."""
+    turns = np.empty((len(path) - 1, 3))
+    for part in blocks(len(turns)):
+        turns[part] = rotation_vector(path[part].transpose(0, 2, 1) @ path[part.start + 1 : part.stop + 1])
+    return turns
+
+
+def _derivatives(turns: Array) -> Iterator[tuple[int, tuple[Array, Array, Array]]]:
+    """Derivatives (B, 3, 3) of ``w_{i+1} - w_i`` by turns of its three frames, in runs from frame ``start``.
 
     ``log(exp(-a) exp(w) exp(b)) = w + (I + [w]x / 2) b - (I - [w]x / 2) a`` but for parts of w² / 12, which is a
     ten-thousandth where the head turns by 2 deg from one frame to the next.
     """
-    turn = rotation_vector(path[:-1].transpose(0, 2, 1) @ path[1:])
-    half = 0.5 * cross_matrix(turn)
     one = np.eye(3)
-    return np.diff(turn, axis=0), (one - half[:-1], half[1:] - half[:-1] - 2.0 * one, one + half[1:])
+    for part in blocks(len(turns) - 1):
+        half = 0.5 * cross_matrix(turns[part.start : part.stop + 1])
+        yield part.start, (one - half[:-1], half[1:] - half[:-1] - 2.0 * one, one + half[1:])
 
 
-def _normal(blocks: tuple[Array, Array, Array], frames: int) -> Array:
-    """Lower bands (9, 3 F) of ``D' D`` for the second-difference matrix D of these blocks."""
-    bands = np.zeros((9, 3 * frames))
-    for later in range(3):
-        for earlier in range(later + 1):
-            product = blocks[later].transpose(0, 2, 1) @ blocks[earlier]
-            _add(bands[:, 3 * earlier :], product, later - earlier)
+def _normal(turns: Array) -> Array:
+    """Lower bands (9, 3 F) of ``D' D`` for the matrix D of the second difference's derivatives."""
+    bands = np.zeros((9, 3 * (len(turns) + 1)), order="F")
+    for start, derivatives in _derivatives(turns):
+        for later in range(3):
+            for earlier in range(later + 1):
+                product = derivatives[later].transpose(0, 2, 1) @ derivatives[earlier]
+                _add(bands[:, 3 * (start + earlier) :], product, later - earlier)
     return bands
 
 
@@ -313,10 +341,11 @@ def _add(bands: Array, blocks: Array, apart: int) -> None:
                 bands[band, column : column + 3 * len(blocks) : 3] += blocks[:, row, column]
 
 
-def _log_determinant(bands: Array) -> float:
+def _factor(bands: Array) -> Array:
+    """Cholesky factor of a matrix in lower bands; in their place if they are in Fortran's order."""
     from scipy.linalg import cholesky_banded
 
-    return 2.0 * float(np.log(cholesky_banded(bands, lower=True, check_finite=False)[0]).sum())
+    return np.asarray(cholesky_banded(bands, overwrite_ab=True, lower=True, check_finite=False))
 
 
 def _minimum(function: Callable[[float], float], grid: Array) -> float:
