@@ -53,7 +53,7 @@ study = Study(
     score=score,
     columns=COLUMNS,
     figures=FIGURES,
-    full=Budget(seeds=12),
+    full=Budget(seeds=8),
     small=Budget(seeds=2, axes={"step_mm": (10.0,)}),
 )
 

@@ -2,7 +2,15 @@
 
 Question: do pivots and rotations err by as much as the covariance that their estimator states?
 
-Finding: -
+Finding: the joint estimate is honest where its model holds: with 16 seeds the truth lies in its 95 % ellipsoid in 16
+of 16 takes (15.2 expected) with noise of 0.3 or 1 mm, a range of 5 or 2 degrees, or 20 % of gaps, in 15 with 5 mm of
+sway, and the squared error over what is stated averages 0.77 to 0.98. NOT MET with 20 mm of sway, 13 of 16 and an
+average of 1.8: its covariance takes the knots that it chose for given. NOT MET with skin that slides by 2 mm, 11 of 16
+and 2.7; no method sees that, the others have 7 to 10. SCoRE is too sure even at rest, 12 of 16 and 2.0; SVD has 13,
+the sphere fits 14, the paper's search 15. With sway, the methods that hold the pivot still have 4 to 8. Rotation
+errors are as predicted, within 1 % for each frame by itself and 3 % turned about the pivot, but for skin, where the
+frames err by 0.82 of it; smoothed, they are 0.94 to 1.15 of what is predicted and 1.4 with skin. Methods of other
+packages state nothing.
 
 Command: ``evalkit study run covariance-calibration --budget full``.
 """
@@ -75,7 +83,8 @@ def score(data: HeadTake, result: Answer) -> dict[str, Any]:
         "axes": count,
         "normalised": None if square is None else square / count,
         **inside,
-        "rotation_deg": rms(rotation_error_deg(pose.rotations, truth.rotations)) if stated else None,
+        # A smoothed path bridges frames without a pose; what is predicted is the error of the others.
+        "rotation_deg": rms(rotation_error_deg(pose.rotations, truth.rotations, pose.ok)) if stated else None,
         "rotation_stated_deg": float(predicted) if stated else None,
     }
 
@@ -98,7 +107,7 @@ study = Study(
         "normalised": "sum of (error / stated deviation)² over these axes, over d; 1 on average if honest",
         "inside_50": "1 if the truth lies in the stated ellipsoid of 50 %, by chi-square of d freedoms, else 0",
         "inside_95": "the same of 95 %",
-        "rotation_deg": "rotation error, rms over the frames, deg",
+        "rotation_deg": "rotation error, rms over the frames that have a pose, deg",
         "rotation_stated_deg": "what the method predicts of it, deg; empty from methods that predict nothing",
     },
     figures=(
@@ -109,11 +118,11 @@ study = Study(
         error_over_bound("pivot_mm", "stated_mm", "pivot error over stated"),
         error_over_bound("rotation_deg", "rotation_stated_deg", "rotation error over stated"),
     ),
-    full=Budget(seeds=25),
+    full=Budget(seeds=16),
     small=Budget(seeds=2),
     expected=(
-        # 25 honest takes fall below 0.84 in one run of 140 (binomial).
-        Expected("inside 95 %, honest 0.95", "joint", 0.84, least=True),
+        # 16 honest takes fall below 0.85 in one run of 143 (binomial).
+        Expected("inside 95 %, honest 0.95", "joint", 0.85, least=True),
     ),
 )
 

@@ -91,7 +91,7 @@ study = Study(
         relative_to("pivot_mm", "six-directions, mean", "error over six-directions with the mean"),
         mean("astray", "share astray", ""),
     ),
-    full=Budget(seeds=15),
+    full=Budget(seeds=10),
     small=Budget(seeds=2, axes={"terms": ("all", "length alone", "angle alone")}),
 )
 

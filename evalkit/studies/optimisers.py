@@ -153,7 +153,7 @@ study = Study(
     score=score,
     columns=COLUMNS,
     figures=FIGURES,
-    full=Budget(seeds=12),
+    full=Budget(seeds=10),
     # Two thousand calls of the global search would take half of the time.
     small=Budget(seeds=2, axes={"start_mm": (30.0, 100.0)}, methods=tuple(m for m in SEARCHES if m != "nlopt-direct")),
 )

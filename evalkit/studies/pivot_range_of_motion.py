@@ -40,7 +40,7 @@ study = Study(
     score=score_pivot,
     columns=PIVOT_COLUMNS,
     figures=FIGURES,
-    full=Budget(seeds=20),
+    full=Budget(seeds=16),
     small=Budget(seeds=3, axes={"range_deg": (20.0, 2.0)}),
     expected=(
         # As in pivot-noise. At 5 and 2 degrees the bound, a linearisation at the truth, is no promise.
