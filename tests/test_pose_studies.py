@@ -84,9 +84,13 @@ def test_gaps_are_answered_and_a_peer_that_cannot_is_a_failed_row():
 
 
 def test_robust_holds_against_what_pulls_least_squares_away():
-    found, _ = measured("outliers", "svd", "qcp", "robust", layout="dense-63", fault=("50 mm", "swap"), share=0.05)
+    found, _ = measured(
+        "outliers", "svd", "qcp", "robust", "joint", "robust joint",
+        layout="dense-63", fault=("50 mm", "swap"), share=0.05,
+    )  # fmt: skip
     assert finite(found)
     for fault in ("50 mm", "swap"):
+        assert found[fault, "robust joint", "rotation"] < 0.7 * found[fault, "joint", "rotation"]
         assert found[fault, "robust", "rotation"] < 0.7 * found[fault, "svd", "rotation"]
         assert found[fault, "qcp", "rotation"] == pytest.approx(found[fault, "svd", "rotation"], rel=1e-6)
 

@@ -31,8 +31,9 @@ def compensate_by(data: HeadTake, method: str, rigid: str | Sequence[str] | None
     """A take without its head motion, by the name of a method.
 
     Methods are :data:`PAPER`; ``auto``, markers weighted automatically; ``joint``, turned about the pivot; ``joint
-    none``, that told that the neck stands still; and the names of pose estimators, each frame by itself. All but the
-    first may have :data:`SMOOTH` behind.
+    none``, the same told that the neck stands still; ``robust joint``, the same with the weights that ``robust`` gave
+    each marker in each frame; and the names of pose estimators, each frame by itself. All but the first may have
+    :data:`SMOOTH` behind.
 
     Parameters
     ----------
@@ -50,6 +51,8 @@ def compensate_by(data: HeadTake, method: str, rigid: str | Sequence[str] | None
         markers = "auto"
     elif name == "joint none":
         options["sway"] = "none"
+    elif name == "robust joint":
+        options["pose"] = "robust"
     elif name != "joint":
         options.update(pose=name, pivot="svd", sway="per-frame")
     return compensate(data.take, markers, **options)

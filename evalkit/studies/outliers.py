@@ -20,7 +20,7 @@ from evalkit.studies.compensated import (
 )
 from evalkit.studies.takes import HeadTake, head_take, told
 from evalkit.study.command import script
-from evalkit.study.description import Budget, Expected, Study
+from evalkit.study.description import Budget, Condition, Expected, Study
 from evalkit.study.figures import relative_to, root_mean_square
 
 FAULTS = ("10 mm", "50 mm", "swap")
@@ -47,6 +47,13 @@ def score(data: HeadTake, result: Compensation) -> dict[str, Any]:
     return score_compensation(data, result)
 
 
+def applies(condition: Condition, method: str) -> bool:
+    """The automatic weighting takes seconds; robust weights want more than three markers to choose from."""
+    if method == "robust joint":
+        return condition["layout"] == "dense-63"
+    return method != "auto" or condition["share"] == MIDDLE
+
+
 QUESTION, FINDING = told(__doc__)
 
 study = Study(
@@ -54,7 +61,7 @@ study = Study(
     question=QUESTION,
     finding=FINDING,
     axes={"layout": ("paper-23", "dense-63"), "fault": FAULTS, "share": (0.01, MIDDLE, 0.15)},
-    methods=("svd", "qcp", "robust", "joint", "auto"),
+    methods=("svd", "qcp", "robust", "joint", "robust joint", "auto"),
     prepare=prepare,
     run=run,
     score=score,
@@ -65,9 +72,8 @@ study = Study(
         root_mean_square("pivot_mm", "pivot", "mm"),
     ),
     full=Budget(seeds=6),
-    small=Budget(seeds=1, axes={"share": (MIDDLE,)}, methods=("svd", "qcp", "robust", "joint")),
-    # The automatic weighting takes seconds.
-    applies=lambda condition, method: method != "auto" or condition["share"] == MIDDLE,
+    small=Budget(seeds=1, axes={"share": (MIDDLE,)}, methods=("svd", "qcp", "robust", "joint", "robust joint")),
+    applies=applies,
     expected=(
         # Seven markers, one of them far off now and then: six agree against it.
         Expected("rotation over svd", "robust", 0.7, where={"layout": "dense-63", "fault": "50 mm", "share": MIDDLE}),
