@@ -2,7 +2,15 @@
 
 Question: does the paper's six-directions search find the minimum of its objective, how fast, and from how far away?
 
-Finding: -
+Finding: with 10 seeds, takes of 200 frames and all terms, six-directions gets there from 30 and from 100 mm, a median
+of 0.10 and 0.05 mm from the minimum, but it takes 529 and 523 calls of the objective (medians of the runs that come
+within 0.1 mm, 5 and 9 of 10), where Nelder-Mead takes 79 and 102, BOBYQA 65 and 89, NEWUOA 61 and 80, and they end
+nearer. It is slow, and not what limits the accuracy: all of these end at a pivot error of 1.1 mm (rms). The minimum of
+the squared variant lies nearer to the truth, 0.82 mm, and L-BFGS finds it in 12 to 15 calls. COBYLA stops 0.3 mm
+short, and DIRECT, with 2000 calls for a box of 600 mm, is 4 to 8 mm off. From 300 mm one run in ten of every local
+search goes more than a metre astray (Nelder-Mead two), and SLSQP misses the minimum in seven. The angle term alone has
+its lowest values at infinity: from 100 mm 4 to 6 runs in ten of every local search go astray, six-directions 4, most
+of them by a hundred kilometres and more; from 300 mm 9 or all. From 30 mm none does, and the error is 9 mm (median).
 
 Command: ``evalkit study run optimisers --budget full``.
 """
