@@ -9,8 +9,8 @@ nearer. It is slow, and not what limits the accuracy: all of these end at a pivo
 the squared variant lies nearer to the truth, 0.82 mm, and L-BFGS finds it in 12 to 15 calls. COBYLA stops 0.3 mm
 short, and DIRECT, with 2000 calls for a box of 600 mm, is 4 to 8 mm off. From 300 mm one run in ten of every local
 search goes more than a metre astray (Nelder-Mead two), and SLSQP misses the minimum in seven. The angle term alone has
-its lowest values at infinity: from 100 mm 4 to 6 runs in ten of every local search go astray, six-directions 4, most
-of them by a hundred kilometres and more; from 300 mm 9 or all. From 30 mm none does, and the error is 9 mm (median).
+its lowest values at infinity: from 100 mm 4 to 6 runs in ten of every local search go astray, six-directions 4, by 290
+km and more; from 300 mm 9 or all. From 30 mm none does, and the error is 9 mm (median).
 
 Command: ``evalkit study run optimisers --budget full``.
 """
