@@ -34,6 +34,12 @@ HELD_OUT_FRAMES = 2000
 HELD_OUT_MARKERS = 8
 """Frames and rigid markers on which the pivot-constrained and the free pose are compared."""
 
+ASIDE = 0.05
+"""Part of its weight to which a robust loss has taken a sample that counts as set aside."""
+
+DISPLACED = 8.0
+"""A frame in which the rigid markers fit so many times worse than in the ordinary one has a displaced sample."""
+
 STILL = 0.5
 """Part of the path that turning gives the markers which the pivot's own path may have, in a neck at rest."""
 
@@ -177,10 +183,21 @@ def compensate(
     weighted = False
     if model is not None and pose == "svd":
         estimator, pose, weighted = skin_estimator(model), "skin", True
-    # Taken from the take whenever they are needed: weighted automatically they are nearly all of it.
     columns = np.array(chosen.columns)
     warnings = [*take.warnings, *chosen.warnings]
     posed = pose_or_error(estimator, take.points[:, columns], reference, chosen, pose)
+    aside = None if weighted else _set_aside(posed, chosen)
+    if aside is not None:
+        warnings.append(
+            f"{aside.sum()} samples of rigid markers in {aside.any(axis=1).sum()} frames lie so far off that pose "
+            f"method {pose} set them aside; the pivot was estimated without them"
+        )
+
+    def seen(which: np.ndarray | slice = slice(None)) -> Array:
+        """Rigid markers, without what was set aside; made when needed: with automatic weights nearly the whole take."""
+        points = take.points[:, columns[which]]
+        return points if aside is None else np.where(aside[:, which, None], np.nan, points)
+
     free = sway == "per-frame" or (sway == "auto" and weighted)
     # Markers on skin that tell little of the pose tell less of the pivot.
     lead = chosen.leading if free else np.arange(len(chosen.columns))
@@ -191,14 +208,14 @@ def compensate(
         "sway": "auto" if sway == "per-frame" else sway, **pivot_options,
     }  # fmt: skip
     leading = replace(posed, template=posed.template[lead], weights=posed.weights[..., lead])
-    estimate = finder(take.points[:, columns[lead]], leading, **options)
+    estimate = finder(seen(lead), leading, **options)
     del leading
     used: str | float = "per-frame" if sway == "auto" else sway
     if estimate.pose is not None and not free:
         used = "none" if np.isinf(estimate.sway_spacing_s) else estimate.sway_spacing_s
         words = ""
         if sway == "auto":
-            words = _free_is_better(take.points[:, columns], posed, estimate, estimator, finder, take.rate, used)
+            words = _free_is_better(seen(), posed, estimate, estimator, finder, take.rate, used)
         if words:
             warnings.append(words)
             used = "per-frame"
@@ -212,12 +229,20 @@ def compensate(
         if not estimator.orthogonal and posed is not estimate.pose:
             raise EvalkitError(f"pose method {pose} gives matrices that are no rotations; they cannot be smoothed")
         about = estimate.position if posed is estimate.pose else None
-        smoothing = smooth_rotations(posed, take.points[:, columns], rate=take.rate, about=about, bridge=False)
+        smoothing = smooth_rotations(posed, seen(), rate=take.rate, about=about, bridge=False)
         if posed is estimate.pose:
             estimate = replace(estimate, pose=smoothing.pose)
         posed = smoothing.pose
     result = finish(take, chosen, posed, estimate, (sway, used), reference, start, pose, pivot, warnings, [])
     return replace(result, smoothing=smoothing)
+
+
+def _set_aside(posed: Pose, chosen: RigidMarkers) -> np.ndarray | None:
+    """Samples (F, R) that the pose estimator took the weight of because they lie far off; None if there are none."""
+    if posed.weights.ndim < 2:
+        return None
+    aside = (posed.weights > 0) & (posed.weights < ASIDE * chosen.weights)
+    return aside if aside.any() else None
 
 
 def _markers(
@@ -316,7 +341,7 @@ def finish(
         s = np.where(posed.ok[:, None], smoothed(s, posed.ok, take.rate, float(used)), np.nan)
     t = o - _rotated(r, o) + s
     frame_residual, marker_residual = _residuals(take, chosen, r, t, template)
-    warnings = warnings + _warnings(take, chosen, posed, estimate, r, s, sway)
+    warnings = warnings + _warnings(take, chosen, posed, estimate, r, s, sway) + _displaced(frame_residual, pose)
     inverse = r.transpose(0, 2, 1) if turned else _inverse(r, pose)
     return Compensation(
         _undone(take, inverse, t), r, t, o, estimate.covariance, s, list(chosen.labels), estimate.status,
@@ -431,6 +456,19 @@ def _warnings(
             + ": the neck did not stand still, and one fixed pivot does not explain the motion"
         )
     return found
+
+
+def _displaced(residual: Array, pose: str) -> list[str]:
+    """A warning that samples are displaced, where least squares let them pull the head."""
+    known = residual[np.isfinite(residual)]
+    far = residual > DISPLACED * np.median(known) if len(known) else np.zeros(0, dtype=bool)
+    if pose == "robust" or not far.any() or not np.median(known) > 0:
+        return []
+    worst = int(np.nanargmax(residual))
+    return [
+        f"in {far.sum()} frames the rigid markers fit more than {DISPLACED:g} times worse than usual (worst: frame "
+        f"{worst}, {residual[worst]:.1f} mm): samples are displaced or labels exchanged; try the pose method robust"
+    ]
 
 
 def _lookup(table: Mapping[str, Any], name: str, what: str) -> Any:
