@@ -2,7 +2,13 @@
 
 Question: what does each pivot estimator still know of the pivot when the head turns by 20, 5 or 2 degrees?
 
-Finding: -
+Finding: with 16 seeds, root-mean-square errors in mm at 20, 5 and 2 degrees are: bound 0.24, 1.2, 3.0; joint 0.17,
+1.1, 2.9; sphere fit 0.22, 1.4, 3.8; SCoRE 0.51, 1.6, 4.8; six-directions about the mean 0.56, 14, 413; SVD 3.6, 14,
+47; the paper, frame 0, 1.9, 17, 286. The joint estimate and the sphere fit stay at the bound down to 2 degrees,
+efficiency 1.17 [0.90, 1.61] and 0.93 [0.65, 1.43] there, so that joint gains little on lengths alone. Gamage-Lasenby
+is as good as the sphere fit (median 2.0 mm) but for one take of the 16, 175 mm off, which it calls poorly observable.
+The angle term ruins the paper's objective: at 2 degrees every one of the 16 ends of six-directions is poorly
+observable by its own verdict.
 
 Command: ``evalkit study run pivot-range-of-motion --budget full``.
 """
