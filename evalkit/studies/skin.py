@@ -2,17 +2,17 @@
 
 Question: what does sliding forehead skin cost, and does weighting all markers automatically make up for it?
 
-Finding: more than the noise does. With 0.3 mm of noise and 23 markers the expression error of the forehead triangle rises
-from 1.54 mm without slide to 2.13 mm at 4 mm and 2.68 mm at 6 mm, the whole face moving with the brows; that of the
-automatic weighting of all markers, which is told nothing, from 0.68 to 0.95 and 0.96 mm. With 63 markers it hardly
-notices the slide (0.57, 0.63, 0.64 mm), where seven named rigid markers, two of them on the bridge of the nose, go from
-0.77 to 1.50 mm by least squares. Robust re-weighting of these seven does not help and is a little worse from 4 mm on
-(1.19 against 1.15 mm, at 6 mm 1.58 against 1.50): five of the seven slide together, and the two that hold are the
-outliers. Knowing the pivot halves the error without slide (0.76 mm with the triangle), but at 6 mm no more than 13 % is
-left of that (2.33 against 2.68 mm). The leak score sees the slide: from 0.05 to 0.68 at 2 mm and 0.84 at 6 mm for the
-triangle. It is no measure of error across methods: the automatic weighting has 0.41 even where no marker of its own
-choice slides and the error is smallest, because the weighted cheeks and lids carry a little of the face into the pose,
-and the score asks how clearly, not how far.
+Finding: more than the noise does. With 0.3 mm of noise and 23 markers the expression error of the forehead triangle
+rises from 1.54 mm without slide to 2.13 mm at 4 mm and 2.68 mm at 6 mm, the whole face moving with the brows; that of
+the automatic weighting of all markers, which is told nothing, from 0.68 to 0.95 and 0.96 mm. With 63 markers it hardly
+notices the slide (0.57, 0.63, 0.64 mm), where seven named rigid markers, two of them on the bridge of the nose, go
+from 0.77 to 1.50 mm by least squares. Robust re-weighting of these seven does not help and is a little worse from 4 mm
+on (1.19 against 1.15 mm, at 6 mm 1.58 against 1.50): five of the seven slide together, and the two that hold are the
+outliers. Knowing the pivot halves the error without slide (0.76 mm with the triangle), but at 6 mm no more than 13 %
+is left of that (2.33 against 2.68 mm). The leak score sees the slide: from 0.05 to 0.68 at 2 mm and 0.84 at 6 mm for
+the triangle. It is no measure of error across methods: the automatic weighting has 0.41 without any slide, where its
+error is smallest, since it weights markers that do move with the face. The score asks how clearly the face shows in
+the pose, not how far it moves it.
 
 Command: ``evalkit study run skin --budget full``
 """
