@@ -211,14 +211,14 @@ def _check(head: HeadLike, labels: tuple[str, ...], positions: Array) -> None:
     if bad.size:
         raise EvalkitError(f"centre {labels[bad[0]]} has no finite position; leave it out or fill it")
     unit = inter_eye_distance(head)
-    gaps = np.linalg.norm(positions[:, None] - positions[None], axis=2)
-    gaps[np.tril_indices(len(gaps))] = np.inf
-    first, second = np.unravel_index(np.argmin(gaps), gaps.shape)
-    if gaps[first, second] < CLOSEST * unit:
-        raise EvalkitError(f"centres {labels[first]} and {labels[second]} are at the same place; leave one of them out")
     away = float(np.median(nearest_vertices(np.asarray(head.vertices, dtype=np.float64), positions)[1]))
     if away > FARTHEST * unit:
         raise EvalkitError(
             f"the centres are {away:.4g} away from the head, whose eyes are {unit:.4g} apart; "
             "they must be on it, in its axes and its unit"
         )
+    gaps = np.linalg.norm(positions[:, None] - positions[None], axis=2)
+    gaps[np.tril_indices(len(gaps))] = np.inf
+    first, second = np.unravel_index(np.argmin(gaps), gaps.shape)
+    if gaps[first, second] < CLOSEST * unit:
+        raise EvalkitError(f"centres {labels[first]} and {labels[second]} are at the same place; leave one of them out")

@@ -76,7 +76,8 @@ def rbf(among: Array, towards: Array, centres: Array, points: Array, degree: int
     values, vectors = np.linalg.eigh(null.T @ among @ null)
     size = np.abs(values)
     largest = size.max(initial=0.0)
-    kept = size > count * np.finfo(float).eps * largest
+    # Rounding is that of phi itself, which may be far larger than what the side conditions leave of it.
+    kept = size > count * np.finfo(float).eps * np.abs(among).max()
     vectors = null @ vectors[:, kept]
     coefficients = (vectors / values[kept]) @ vectors.T
     weights = towards @ coefficients + at_points @ (project @ (np.eye(count) - among @ coefficients))

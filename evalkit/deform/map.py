@@ -39,6 +39,10 @@ BADLY_CONDITIONED = 1e12
 """Condition number above which four or fewer digits of the weights can be trusted."""
 
 
+AMPLIFIES = 25.0
+"""Amplification that is worth a note: half a millimetre of noise on a marker is then a centimetre at a vertex."""
+
+
 @dataclass(frozen=True, eq=False)
 class Field:
     """One interpolant of a map.
@@ -331,7 +335,7 @@ def _lip_centres(
         unknown = [name for name in regions if name not in LIPS]
         if unknown or len(regions) < len(LIPS):
             raise EvalkitError(f"regions name {', '.join(regions)}; expected {' and '.join(LIPS)}")
-        chosen = {lip: np.array([_index(item, labels) for item in regions[lip]], dtype=int) for lip in LIPS}
+        chosen = {lip: np.unique([_index(item, labels) for item in regions[lip]]).astype(int) for lip in LIPS}
     else:
         parts = _site_of_each(head, labels, positions, eyes)
         chosen = {lip: np.flatnonzero([part in LIP_SITES[lip] for part in parts]) for lip in LIPS}
@@ -378,4 +382,6 @@ def _notes(field: Field, kernel: Kernel) -> list[str]:
         found.append(f"{field.region}: {field.truncated} dimensions of the data are not interpolated: scale too large")
     elif field.condition > BADLY_CONDITIONED:
         found.append(f"{field.region}: badly conditioned ({field.condition:.0e}); use a smaller scale")
+    if field.amplification > AMPLIFIES:
+        found.append(f"{field.region}: a vertex can err {field.amplification:.0f} times as much as a marker")
     return found

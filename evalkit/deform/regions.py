@@ -12,10 +12,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
+from numpy.typing import ArrayLike
 from scipy.interpolate import BSpline
 from scipy.sparse.csgraph import dijkstra
 
-from evalkit.deform.surface import edge_distance
+from evalkit.deform.centres import HeadLike, soft_mesh
+from evalkit.deform.surface import edge_distance, edge_graph, edges
 from evalkit.geometry import Array
 
 LIPS = ("upper lip", "lower lip")
@@ -76,19 +78,19 @@ def hard(fields: Mapping[str, Array], seams: Seams) -> Array:
 
 
 def ramp(fields: Mapping[str, Array], seams: Seams) -> Array:
-    """The lips' fields fade into the face's over surface distance, around the lips and towards their corners.
+    """The lips' fields fade into each other towards the corners and into the face's around the lips.
 
-    The lips' fields have the share ``s(d_corner) (1 - s(d_lips))`` together, s a smooth step over the width: nothing
-    where the lips meet, so that there all three are one field, and nothing beyond the width from the lips. Between
-    the two lips it is shared out by the squared distance from the other one.
+    The lips' fields have the share ``1 - s(d_lips)`` together, s a smooth step of the surface distance over the width.
+    Between the two lips it is shared out by the squared distance from the other one, and evenly where they meet:
+    ``1/2 + s(d_corner) (d_lower^2 / (d_upper^2 + d_lower^2) - 1/2)`` for the upper lip.
     """
     corner = smoothstep(edge_distance(seams.graph, np.flatnonzero(seams.corners())) / seams.width)
     apart = [edge_distance(seams.graph, np.flatnonzero(seams.member[lip]), limit=seams.width) for lip in LIPS]
-    share = corner * (1.0 - smoothstep(np.minimum(*apart) / seams.width))
+    share = 1.0 - smoothstep(np.minimum(*apart) / seams.width)
     touched = np.flatnonzero(share > 0)
     # Beyond the limit a distance is infinite; twice the width says as much and can be squared.
     upper, lower = (np.minimum(distance[touched], 2.0 * seams.width) ** 2 for distance in apart)
-    part = lower / (upper + lower)
+    part = 0.5 + corner[touched] * (lower / np.maximum(upper + lower, 1e-300) - 0.5)
     face = fields["face"]
     weights = face.copy()
     for lip, own in zip(LIPS, (part, 1.0 - part), strict=True):
@@ -128,6 +130,48 @@ def spline(fields: Mapping[str, Array], seams: Seams) -> Array:
     return weights
 
 
+def seam_jump(head: HeadLike, displacement: ArrayLike, within_mm: float = 16.0) -> Array:
+    """How much more the displacement changes across the regions' borders than beside them, near the mouth corners.
+
+    For each edge across a border: the length of the difference of its ends' displacements, less what the steepest of
+    the edges around (within two steps, not across a border) would have over the same length. A step stays what it is
+    on a finer mesh; a ramp, however steep, goes to zero.
+
+    Parameters
+    ----------
+    head : HeadLike
+    displacement : array_like, shape (F, V, 3), mm
+    within_mm : float
+        Surface distance from where the lips meet, in the head's unit.
+
+    Returns
+    -------
+    ndarray, shape (F, E), mm
+        Of each frame and each edge across a border; not positive where there is no jump.
+    """
+    skin = soft_mesh(head)
+    u = np.asarray(displacement, dtype=np.float64)[:, skin.indices]
+    seams = Seams(
+        skin.vertices, edge_graph(skin.vertices, skin.triangles), {lip: skin.member(lip) for lip in LIPS}, within_mm
+    )
+    region = seams.member["upper lip"] + 2 * seams.member["lower lip"].astype(int)
+    ends = edges(skin.triangles)
+    distance = edge_distance(seams.graph, np.flatnonzero(seams.corners()), limit=within_mm)
+    near = np.isfinite(distance[ends]).all(axis=1)
+    across = region[ends[:, 0]] != region[ends[:, 1]]
+    lengths = np.linalg.norm(skin.vertices[ends[:, 0]] - skin.vertices[ends[:, 1]], axis=1)
+    change = np.linalg.norm(u[:, ends[:, 0]] - u[:, ends[:, 1]], axis=2)
+    slope = np.where(across, 0.0, change / lengths)
+    wanted = np.flatnonzero(near & across)
+    jumps = np.empty((len(u), len(wanted)))
+    for k, edge in enumerate(wanted):
+        ring = np.zeros(len(skin.vertices), dtype=bool)
+        ring[ends[edge]] = True
+        around = seams.beside(ring)[ends].any(axis=1)
+        jumps[:, k] = change[:, edge] - lengths[edge] * slope[:, around].max(axis=1)
+    return jumps
+
+
 def _closed_spline(points: Array, spacing: float) -> Array:
     """Values (K, B) of the closed uniform cubic B-splines along an outline, B about its length over the spacing.
 
@@ -138,6 +182,8 @@ def _closed_spline(points: Array, spacing: float) -> Array:
     # Stretched to a round outline: from the middle of a wide mouth, angles crowd at the corners.
     flat = centred @ axes[:2].T / np.maximum(spread[:2], 1e-12)
     order = np.argsort(np.arctan2(flat[:, 1], flat[:, 0]), kind="stable")
+    # The knots start at the first point, whichever way the axes of the plane came out.
+    order = np.roll(order, -int(np.argmin(order)))
     steps = np.linalg.norm(np.diff(points[order], axis=0, append=points[order[:1]]), axis=1)
     along = np.empty(len(points))
     along[order] = np.concatenate([[0.0], np.cumsum(steps)[:-1]])

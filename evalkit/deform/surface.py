@@ -56,7 +56,8 @@ def spread_out(points: Array, count: int) -> np.ndarray:
     chosen = np.empty(count, dtype=np.int64)
     gap = np.linalg.norm(points - points.mean(axis=0), axis=1)
     for i in range(count):
-        chosen[i] = np.argmax(gap)
+        # Of equally far ones, as left and right of a face, the first: rounding must not choose.
+        chosen[i] = np.argmax(gap >= gap.max() * (1 - 1e-9))
         step = np.linalg.norm(points - points[chosen[i]], axis=1)
         gap = step if i == 0 else np.minimum(gap, step)
     return chosen
