@@ -2,7 +2,15 @@
 
 Question: what do missing markers cost, in frames without an answer and in accuracy?
 
-Finding: -
+Finding: with three rigid markers a frame that lacks one has no answer, and every method says so: 94 % of the frames
+are posed at 2 % of single gaps, 74 % at 10 %, 34 % at 30 % (in bursts of half a second 91, 69 and 44 %). The frames
+that have an answer are as good as without gaps (svd 0.97 to 0.98 deg, joint 0.45 to 0.47 deg). With seven markers all
+frames are posed up to 10 %, 97 % at 30 %, and the error grows as markers leave: svd from 0.40 to 0.82 deg (0.66 in
+bursts), joint only from 0.20 to 0.27 deg, since the pivot stands in for them. The automatic weighting of all 23
+markers poses every frame even at 30 %, with 0.70 mm of expression error against 1.54 mm of svd in the frames that this
+has (0.76 in bursts). The pivot of joint stays within 0.1 to 0.4 mm in all conditions, that of the algebraic svd within
+0.9 to 6 mm; how the gaps fall hardly matters. Of the peers, scipy has no missing markers and raises in 59 of 60 takes,
+2 % of gaps included; kineticstoolkit answers exactly as svd does.
 
 Command: ``evalkit study run gaps --budget full``
 """
