@@ -2,7 +2,14 @@
 
 Question: which terms, scales and reference of the paper's objective put its minimum near the pivot?
 
-Finding: -
+Finding: with 10 seeds the reference matters more than any weight: about frame 0, whose own noise enters every term,
+six-directions has 3.6 [2.7, 5.0] times the error that it has about the mean (2.1 against 0.59 mm, all terms), and 8.3
+[5.3, 17] times with the length term alone (2.2 against 0.26). The median does as the mean. Of the terms the length
+alone is the best, 1.1 times the bound; the angle alone is off by 7.4 mm, and the more it weighs the worse: 0.28 mm
+with l = 10, 0.59 with l = 100, 2.8 with l = 1000. The pull is nothing at C = 100, and a bias once it is felt: 1.5 mm
+with C = 0.1 and 18 mm with C = 0.01, towards a local origin some 30 mm from the pivot. The search adds nothing to
+that: NLopt's Subplex ends with the same errors. The squared variant is better where the length rules, 0.22 mm alone,
+0.43 with all terms, and worse where the angle or the pull does.
 
 Command: ``evalkit study run objective-terms --budget full``.
 """
