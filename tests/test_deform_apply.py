@@ -22,13 +22,21 @@ def displacements(frames, centres=23):
     return np.random.default_rng(1).normal(scale=5.0, size=(frames, centres, 3))
 
 
-@pytest.mark.parametrize("frames", [0, 1, 16, 17, 200])
+@pytest.mark.parametrize("frames", [0, 1, 32, 33, 70])
 def test_equals_the_product(frames):
     u = displacements(frames)
     expected = np.einsum("vn,fnc->fvc", MAP, u)
     # Sums of 26 products of 1e2 mm in another order.
     np.testing.assert_allclose(Deformer(MAP)(u), expected, atol=1e-11)
     np.testing.assert_allclose(Deformer(MAP, HEAD.vertices)(u), HEAD.vertices + expected, atol=1e-11)
+
+
+def test_a_mesh_of_more_than_one_block():
+    """Blocks of vertices and batches of frames fit together."""
+    random = np.random.default_rng(3)
+    weights, rest, u = random.normal(size=(12_000, 5)), random.normal(size=(12_000, 3)), displacements(40, 5)
+    expected = rest + np.einsum("vn,fnc->fvc", weights, u)
+    np.testing.assert_allclose(Deformer(weights, rest)(u), expected, atol=1e-11)
 
 
 def test_batches_are_the_whole_and_reuse_their_buffer():

@@ -10,8 +10,11 @@ from numpy.typing import ArrayLike, DTypeLike
 from evalkit.errors import EvalkitError
 from evalkit.geometry import Array
 
-BATCH_BYTES = 2_000_000
-"""Size of the result of one product: enough rows to keep the processor busy, few enough to stay in its cache."""
+BATCH = 32
+"""Frames per product: with fewer, reading the map takes longer than using it."""
+
+BLOCK = 5_000
+"""Vertices per product: with a batch of frames the result stays in the processor's cache."""
 
 
 class Deformer:
@@ -49,10 +52,9 @@ class Deformer:
                 raise EvalkitError(f"rest pose has shape {pose.shape}; expected ({self.vertices}, 3)")
             parts.append(pose.T)
         self._map = np.ascontiguousarray(np.concatenate(parts), dtype=dtype)
-        self._batch = max(BATCH_BYTES // (3 * self.vertices * self._map.itemsize), 1)
-        self._columns = np.empty((self._batch, 3, len(self._map)), dtype=dtype)
+        self._columns = np.empty((BATCH, 3, len(self._map)), dtype=dtype)
         self._columns[:, :, self.centres :] = np.eye(3)[:, : len(self._map) - self.centres]
-        self._result = np.empty((self._batch, 3, self.vertices), dtype=dtype)
+        self._result = np.empty((BATCH, 3, self.vertices), dtype=dtype)
 
     def __call__(self, displacement: ArrayLike) -> Array:
         """Deform all frames.
@@ -71,8 +73,8 @@ class Deformer:
         frames = u[None] if u.ndim == 2 else u
         self._check(frames)
         out = np.empty((len(frames), 3, self.vertices), dtype=self._map.dtype)
-        for start in range(0, len(frames), self._batch):
-            self._deform(frames[start : start + self._batch], out[start : start + self._batch])
+        for start in range(0, len(frames), BATCH):
+            self._deform(frames[start : start + BATCH], out[start : start + BATCH])
         positions = out.transpose(0, 2, 1)
         return positions[0] if u.ndim == 2 else positions
 
@@ -83,8 +85,8 @@ class Deformer:
         """
         frames = np.asarray(displacement)
         self._check(frames)
-        for start in range(0, len(frames), self._batch):
-            part = frames[start : start + self._batch]
+        for start in range(0, len(frames), BATCH):
+            part = frames[start : start + BATCH]
             yield start, self._deform(part, self._result[: len(part)]).transpose(0, 2, 1)
 
     def _check(self, frames: np.ndarray) -> None:
@@ -95,5 +97,8 @@ class Deformer:
         columns = self._columns[: len(frames)]
         columns[:, :, : self.centres] = frames.transpose(0, 2, 1)
         rows = len(frames) * 3
-        np.matmul(columns.reshape(rows, -1), self._map, out=out.reshape(rows, -1))
+        left, result = columns.reshape(rows, -1), out.reshape(rows, -1)
+        for first in range(0, self.vertices, BLOCK):
+            block = slice(first, first + BLOCK)
+            np.matmul(left, self._map[:, block], out=result[:, block])
         return out
