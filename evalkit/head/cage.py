@@ -114,10 +114,10 @@ MIDDLE = (
     [front(0, -33.4), front(8, -33.2), front(17, -33.7), front(25.3, -35.2), front(34, -37), front(46, -39),
      front(57, -41), side(-36, 42), side(-41, 9), side(-55, CUT_Z_MM)],
 )  # fmt: skip
-"""Edge of the lower lid, its crease, cheek, tip of the nose, under it, base of the nose, upper lip's border and edge."""
+"""Edge of the lower lid, its crease, cheek, tip of the nose, under it, base of the nose, border and edge of the lip."""
 
 LOWER = (
-    [front(0, -33.8), front(8, -33.8), front(17, -34.1), front(25.3, -35.2), front(34, -37), front(46, -39),
+    [front(0, -33.5), front(8, -33.3), front(17, -33.8), front(25.3, -35.2), front(34, -37), front(46, -39),
      front(57, -41), side(-36, 42), side(-41, 9), side(-55, CUT_Z_MM)],
     [front(0, -44), front(8, -43.6), front(17.2, -41), front(25.8, -37.3), front(34.5, -43), front(45.5, -46.5),
      front(55, -49), side(-44, 39), side(-48, 8), side(-64, CUT_Z_MM)],

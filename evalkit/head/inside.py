@@ -5,12 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
 from evalkit.head import cage, texture
 from evalkit.head import proportions as table
 from evalkit.head.assembly import Assembly, grid_quads, ring_quads
-from evalkit.head.model import REGIONS
+from evalkit.head.model import REGIONS, Indices
 
 if TYPE_CHECKING:
     from evalkit.head.template import Grid
@@ -56,7 +57,7 @@ def add_lid_rings(build: Assembly, grid: Grid, eye: int) -> None:
 
 POCKET = (
     # height above and below the line between the lips, half width, z in the middle, z at the sides
-    (0.9, 0.9, 25.0, -3.0, -1.2),
+    (0.05, 0.05, 25.0, -2.5, -1.0),
     (11.0, 12.5, 24.5, 104.8, 95.5),
     (16.0, 17.0, 30.0, 98.0, 82.0),
     (16.0, 17.0, 33.0, 76.0, 66.0),
@@ -112,7 +113,21 @@ def add_pocket(build: Assembly, grid: Grid, scale: float) -> None:
     # The last ring is a line: its lower half is the upper half, so that the mouth is closed.
     line = np.concatenate([fine[-1][is_upper], fine[-1][len(upper)][None]])
     ids = build.add(line, middle_uv, region=UPPER_LIP, jaw=BACK_WEIGHT)
-    build.faces("mouth pocket", ring_quads(ring, np.concatenate([ids[:-1], ids[:0:-1]])))
+    build.faces("mouth pocket", _closing(ring, np.concatenate([ids[:-1], ids[:0:-1]]), corner))
+
+
+def _closing(outer: Indices, line: Indices, corner: NDArray[np.bool_]) -> Indices:
+    """Faces from the last ring to the line that closes the mouth, cut so that no diagonal leaves a corner.
+
+    Upper and lower half meet in the same line: a diagonal from a corner would be an edge of both.
+    """
+    a, b, inner_a, inner_b = outer, np.roll(outer, -1), line, np.roll(line, -1)
+    from_corner = corner[:, None]
+    first = np.where(from_corner, np.stack([b, a, inner_a, inner_a], -1), np.stack([b, a, inner_b, inner_b], -1))
+    second = np.where(
+        from_corner, np.stack([b, inner_a, inner_b, inner_b], -1), np.stack([a, inner_a, inner_b, inner_b], -1)
+    )
+    return np.concatenate([first, second])
 
 
 def add_teeth(build: Assembly, scale: float) -> None:
@@ -177,9 +192,10 @@ def add_eyeballs(build: Assembly, scale: float) -> None:
 
 
 EAR_RINGS = (
-    # share of the outline's radius, mm off the ear's plane
-    (0.0, -2.0), (0.20, -2.0), (0.38, 0.0), (0.50, 4.5), (0.60, 5.5), (0.74, 3.2), (0.84, 4.2), (0.93, 6.0), (1.0, 4.5),
-    (0.98, 2.0), (0.86, -0.5), (0.6, -5.0), (0.45, -14.0),
+    # share of the outline's radius, mm off the ear's plane, mm by which the ring lies forward and below of the middle
+    (0.0, -5.0, 4.5, 3.5), (0.16, -4.6, 4.4, 3.4), (0.30, -2.8, 4.0, 3.0), (0.42, 1.6, 3.4, 2.4), (0.52, 3.6, 2.6, 1.6),
+    (0.66, 3.0, 1.4, 0.6), (0.78, 1.8, 0.6, 0.2), (0.86, 3.0, 0.2, 0.0), (0.93, 5.2, 0.0, 0.0), (1.0, 4.6, 0.0, 0.0),
+    (1.0, 2.4, 0.0, 0.0), (0.92, 0.0, 0.0, 0.0), (0.66, -5.0, 0.0, 0.0), (0.45, -14.0, 0.0, 0.0),
 )  # fmt: skip
 """From the bowl over the inner and the outer fold to the rim, and back to the head behind it."""
 
@@ -204,15 +220,12 @@ def add_ears(build: Assembly, scale: float) -> None:
     height, depth = np.sin(around), np.cos(around)
     # The lobe is narrower than the top.
     outline = np.stack([EAR_HALF_MM[0] * height, EAR_HALF_MM[1] * depth * (0.86 + 0.16 * height)], axis=1)
-    # The rim is rolled above and behind, flat at the lobe and where it grows out of the cheek.
-    roll = np.clip(0.55 + 0.5 * height + 0.35 * depth, 0.15, 1.0)
-    share, off = (np.array(column) for column in zip(*EAR_RINGS, strict=True))
-    relief = np.where((share > 0.4) & (off > 0), off * roll[:, None], off)
-    relief[:, share > 0.9] = np.where(
-        off[share > 0.9] > 0, off[share > 0.9] * (0.3 + 0.7 * roll[:, None]), off[share > 0.9]
-    )
-    flat = share[:, None, None] * outline
-    place = EAR_MIDDLE + flat[..., :1] * up + flat[..., 1:] * back + relief.T[..., None] * out
+    share, off, forward, below = (np.array(column) for column in zip(*EAR_RINGS, strict=True))
+    # The folds are rolled above and behind, flat at the lobe and where the ear grows out of the cheek.
+    roll = np.clip(0.5 + 0.45 * height + 0.5 * depth, 0.0, 1.0)
+    relief = off[:, None] * np.where(off[:, None] > 0, 0.15 + 0.85 * roll, 1.0)
+    flat = share[:, None, None] * outline - np.stack([below, forward], axis=1)[:, None]
+    place = EAR_MIDDLE + flat[..., :1] * up + flat[..., 1:] * back + relief[..., None] * out
     shade = texture.ear_uv(np.arange(len(share)) / (len(share) - 1))
     for mirrored in (False, True):
         points = place * MIRROR if mirrored else place

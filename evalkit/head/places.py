@@ -47,6 +47,12 @@ PAIRED_LANDMARKS: dict[str, tuple[float, float, float]] = {
 """Name -> position on the left side, mm. 300-W numbers on the left: 23, 25, 27, 43, 44, 45, 46, 47, 48, 36, 53, 55,
 13, 17."""
 
+NEEDED_LANDMARKS = (
+    "nose tip", "subnasale", "upper lip", "lower lip", "chin", "nasion", "eye inner left", "eye inner right",
+    "eye outer left", "eye outer right", "mouth corner left", "mouth corner right",
+)  # fmt: skip
+"""A head without these can neither be scaled to a performer nor fitted to a photo."""
+
 MARKER_SITES: dict[str, tuple[float, float, float]] = {
     "ForeheadC": (0.0, 104.5, 90.5),
     "ForeheadL": (22.5, 76.5, 100.5),

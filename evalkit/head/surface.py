@@ -6,6 +6,7 @@ that stepping onto its zero level needs.
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -39,9 +40,10 @@ class Ellipsoid(NamedTuple):
 
     def field(self, points: Array) -> Array:
         """First-order distance, mm, of points (N, 3), negative inside."""
-        local = (points - np.array(self.centre)) @ rotation_from_vector(np.array(self.turn)) / np.array(self.radii)
-        k0 = np.sqrt((local**2).sum(axis=1) + 1e-12)
-        k1 = np.sqrt(((local / np.array(self.radii)) ** 2).sum(axis=1) + 1e-12)
+        local = (points - self.centre) @ _axes(self.turn) / self.radii
+        k0 = np.sqrt(np.einsum("nd,nd->n", local, local) + 1e-12)
+        local /= self.radii
+        k1 = np.sqrt(np.einsum("nd,nd->n", local, local) + 1e-12)
         return k0 * (k0 - 1.0) / k1
 
     @property
@@ -98,6 +100,11 @@ class RoundCone(NamedTuple):
 Primitive = Ellipsoid | RoundCone
 
 
+@lru_cache(maxsize=256)
+def _axes(turn: tuple[float, float, float]) -> Array:
+    return rotation_from_vector(np.array(turn))
+
+
 def smooth_minimum(a: Array, b: Array, blend: float) -> Array:
     """Minimum of two fields with a cubic transition of this width (Quilez's cubic polynomial smooth minimum)."""
     overlap = np.maximum(blend - np.abs(a - b), 0.0) / blend
@@ -120,24 +127,26 @@ def field(points: Array, primitives: tuple[Primitive, ...]) -> Array:
         mm, negative inside.
     """
     total = primitives[0].field(points)
-    for part in primitives[1:]:
+    here, there = _beyond_reach(points, primitives), _beyond_reach(points * MIRROR, primitives)
+    for k, part in enumerate(primitives[1:], start=1):
         sign = -1.0 if part.carve else 1.0
-        value = _where_it_matters(part, points, sign * total)
+        beyond = np.minimum(here[:, k], there[:, k]) if part.paired else here[:, k]
+        near = np.flatnonzero(beyond < sign * total)
+        value = part.field(points[near])
         if part.paired:
-            other = _where_it_matters(part, points * MIRROR, sign * total)
+            other = part.field(points[near] * MIRROR)
             value = np.minimum(value, other) if part.carve else smooth_minimum(value, other, part.blend)
-        total = sign * smooth_minimum(sign * total, value, part.blend)
+        total[near] = sign * smooth_minimum(sign * total[near], value, part.blend)
     return total
 
 
-def _where_it_matters(part: Primitive, points: Array, so_far: Array) -> Array:
-    """A primitive's field; a large number where it is too far away to change the field so far."""
-    middle, reach = part.ball
-    distance = np.sqrt(((points - middle) ** 2).sum(axis=1))
-    near = np.flatnonzero(distance < reach + part.blend + so_far + MARGIN_MM)
-    out = np.full(len(points), 1e3)
-    out[near] = part.field(points[near])
-    return out
+def _beyond_reach(points: Array, primitives: tuple[Primitive, ...]) -> Array:
+    """Distance (N, P) from where a primitive can change a field that is zero there."""
+    middles, reaches = zip(*(part.ball for part in primitives), strict=True)
+    middle = np.array(middles)
+    squared = (points**2).sum(axis=1)[:, None] - 2.0 * points @ middle.T + (middle**2).sum(axis=1)
+    blends = np.array([part.blend for part in primitives])
+    return np.sqrt(np.maximum(squared, 0.0)) - (np.array(reaches) + blends + MARGIN_MM)
 
 
 MARGIN_MM = 8.0

@@ -24,7 +24,7 @@ from evalkit.head.model import REGIONS, Head, Indices, Jaw, Lids
 from evalkit.head.surface import field, project
 from evalkit.head.texture import paint, sheet_uv
 
-DEFAULT_VERTICES = 8_000
+DEFAULT_VERTICES = 11_000
 SMALLEST, LARGEST = 1_000, 100_000
 
 CAGES = {"upper": cage.UPPER, "middle": cage.MIDDLE, "lower": cage.LOWER}
@@ -191,22 +191,23 @@ def make_template(vertices: int = DEFAULT_VERTICES) -> Head:
 # ---- the sheet -------------------------------------------------------------------------------------------------
 
 
-def cast(rows: tuple[list[cage.Ray], ...]) -> Array:
-    """Where the rays of a block meet the surface, mm, shape (rows, columns, 3)."""
-    rays = [ray for row in rows for ray in row]
+def cast(rays: list[cage.Ray]) -> Array:
+    """Where rays meet the surface, mm, shape (rays, 3)."""
     place = np.array([ray.origin for ray in rays])
     direction = np.array([ray.direction for ray in rays])
     for _ in range(60):
         # Short steps: the field of an ellipsoid is no true distance further away.
         place += 0.7 * field(place, table.PRIMITIVES)[:, None] * direction
-    return place.reshape(len(rows), -1, 3)
+    return place
 
 
 def sheet(grid: Grid) -> Array:
     """Places of the sheet's vertices on the surface, shape (count, 3), mm."""
     out = np.full((grid.count, 3), np.nan)
+    crossings = cast([ray for rows in CAGES.values() for row in rows for ray in row])
     for name, rows in CAGES.items():
-        half = cast(rows)
+        half, crossings = np.split(crossings, [len(rows) * len(rows[0])])
+        half = half.reshape(len(rows), -1, 3)
         whole = np.concatenate([half[:, :0:-1] * MIRROR, half], axis=1)
         reach = half.shape[1] - 1
         wide = PchipInterpolator(np.arange(-reach, reach + 1), whole, axis=1)(grid.half)

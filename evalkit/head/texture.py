@@ -6,17 +6,20 @@ resolution. The lowest quarter of the picture holds the tiles of eyeballs, teeth
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from evalkit.geometry import Array
 from evalkit.head import cage
 from evalkit.seeds import generator
 
 if TYPE_CHECKING:
     from evalkit.head.template import Grid
+
+Array = NDArray[Any]
+"""Pictures are worked on in single precision, coordinates in double."""
 
 SIZE = 1024
 """Pixels along each side of the picture."""
@@ -90,18 +93,21 @@ MOUTH = np.array([70.0, 20.0, 22.0])
 LINING = np.array([206.0, 128.0, 116.0])
 
 
+@lru_cache(maxsize=1)
 def paint() -> NDArray[np.uint8]:
-    """The picture, (SIZE, SIZE, 4), the same every time."""
-    picture = np.zeros((SIZE, SIZE, 4))
+    """The picture, (SIZE, SIZE, 4), the same every time; not to be written to."""
+    picture = np.zeros((SIZE, SIZE, 4), dtype=np.float32)
     picture[..., 3] = 255.0
-    u = (np.arange(SIZE) + 0.5) / SIZE
+    u = ((np.arange(SIZE) + 0.5) / SIZE).astype(np.float32)
     v = 1.0 - u
     _paint_skin(picture, u, v)
     _paint_eye(picture, u, v)
     _paint_teeth(picture, u, v)
     _paint_ears(picture, u, v)
     _paint_plate(picture, u, v)
-    return np.clip(np.rint(picture), 0, 255).astype(np.uint8)
+    out = np.clip(np.rint(picture), 0, 255).astype(np.uint8)
+    out.flags.writeable = False
+    return out
 
 
 def _noise(size: int, blur: tuple[float, float], name: str) -> Array:
@@ -130,8 +136,10 @@ def _paint_skin(picture: Array, u: Array, v: Array) -> None:
     column = np.broadcast_to(np.interp(np.abs(u - 0.5), COLUMNS_U, np.arange(len(COLUMNS_U))), (SIZE, SIZE))
     tall = np.broadcast_to(v[:, None], (SIZE, SIZE))
     face = picture
-    face[..., :3] = SKIN + 5.0 * _noise(SIZE, (9, 9), "blotches")[..., None] * [0.6, 1.0, 1.0]
-    face[..., :3] += 2.5 * _noise(SIZE, (1.2, 1.2), "pores")[..., None]
+    # Rows and columns lie closer together in the picture on the neck and at the sides: no pattern there.
+    even = _ramp(tall, 0.29, 0.34) * (1.0 - _ramp(column, 5.5, 7.0)) * (1.0 - _ramp(tall, 0.78, 0.9))
+    face[..., :3] = SKIN + (4.0 * even * _noise(SIZE, (9, 9), "blotches"))[..., None] * [0.6, 1.0, 1.0]
+    face[..., :3] += (2.5 * even * _noise(SIZE, (1.2, 1.2), "pores"))[..., None]
     block_v = {name: (values[-1], values[0]) for name, values in ROWS_V.items()}
     rows = {name: np.interp(-tall, -np.array(values), np.arange(len(values))) for name, values in ROWS_V.items()}
     _mix(face, BLUSH, 0.30 * _blob(column, rows["middle"], 4.6, 2.6, 1.3, 1.0) * (tall < block_v["middle"][1] + 0.02))
@@ -144,11 +152,11 @@ def _paint_skin(picture: Array, u: Array, v: Array) -> None:
     _mix(face, SKIN * [0.72, 0.6, 0.58], 0.35 * _blob(column, rows["middle"], 2.1, 4.2, 0.16, 0.9))
     # Brows: between the rows above and below, from the inner end to the temple, of short strokes.
     row = rows["upper"]
-    centre = 5.52 + 0.1 * np.clip(column - 4.2, 0, None) ** 2 * 0.6 - 0.05 * np.sin((column - 1) * 1.1)
-    thick = 0.36 * _ramp(column, 1.05, 1.9) * (1.0 - 0.75 * _ramp(column, 3.5, 6.0))
-    strokes = 0.75 + 0.25 * np.sin(180 * (tall * 6 + column * 0.28)) + 0.12 * _noise(SIZE, (2, 1), "brow")
-    inside = _ramp(thick - np.abs(row - centre), -0.05, 0.16) * _ramp(column, 1.1, 1.5) * (1 - _ramp(column, 5.7, 6.1))
-    _mix(face, HAIR * 1.15, np.clip(0.88 * inside * strokes, 0, 1))
+    centre = 5.52 + 0.06 * np.clip(column - 4.2, 0, None) ** 2 - 0.05 * np.sin((column - 1) * 1.1)
+    thick = (0.30 + 0.10 * _ramp(column, 1.0, 2.0)) * (1.0 - 0.6 * _ramp(column, 3.3, 5.8))
+    strokes = 0.82 + 0.10 * _noise(SIZE, (2.5, 0.7), "brow")
+    inside = _ramp(thick - np.abs(row - centre), -0.10, 0.22) * _ramp(column, 0.9, 1.7) * (1 - _ramp(column, 5.1, 5.7))
+    _mix(face, HAIR * 1.2, np.clip(0.9 * inside * strokes, 0, 1))
     _paint_openings(face, column, tall)
     # Hair.
     line = cage.HAIRLINE - 0.12 + 0.1 * np.cos(column * 1.2) + 0.10 * _noise(SIZE, (6, 1.0), "hairline")
@@ -165,9 +173,10 @@ def _paint_openings(face: Array, column: Array, tall: Array) -> None:
     mouth_v, eye_v = ROWS_V["lower"][0], ROWS_V["upper"][-1]
     half = MOUTH_LENS * np.sqrt(np.clip(1.0 - (column / cage.MOUTH_CORNER) ** 2, 0.0, None))
     fade = 1.0 - _ramp(column, cage.MOUTH_CORNER - 0.15, cage.MOUTH_CORNER + 0.1)
-    upper_border = ROWS_V["middle"][-2] + 0.0 * column
-    lower_border = ROWS_V["lower"][1]
-    # The red of the lips ends at the border rows, which run into the corners.
+    # The red of the lips ends at the border rows in the middle and runs into the corners.
+    taper = np.clip(1.0 - (column / (cage.MOUTH_CORNER + 0.03)) ** 2.6, 0.0, 1.0) ** 0.85
+    upper_border = mouth_v + (ROWS_V["middle"][-2] - mouth_v) * taper
+    lower_border = mouth_v + (ROWS_V["lower"][1] - mouth_v) * taper
     lip = _ramp(upper_border - tall, -0.004, 0.004) * _ramp(tall - lower_border, -0.005, 0.005) * fade
     _mix(face, LIP, 0.92 * lip)
     _mix(face, LIP * 0.72, 0.5 * np.exp(-0.5 * ((np.abs(tall - mouth_v) - half) / 0.004) ** 2) * fade)
@@ -197,7 +206,7 @@ def _paint_eye(picture: Array, u: Array, v: Array) -> None:
     angle = np.hypot(x, y) / 0.118 * 180.0
     around = np.arctan2(y, x)
     tile = picture[where]
-    tile[..., :3] = [238.0, 234.0, 230.0]
+    tile[..., :3] = [226.0, 221.0, 216.0]
     _mix(tile, np.array([214.0, 150.0, 140.0]), 0.55 * _ramp(angle, 40.0, 75.0))
     fibres = 0.85 + 0.15 * np.sin(37 * around) * np.sin(23 * around + 1.0)
     iris = np.array([104.0, 74.0, 44.0]) * fibres[..., None]
@@ -241,9 +250,7 @@ def _paint_plate(picture: Array, u: Array, v: Array) -> None:
     tile = picture[where]
     noise = _noise(SIZE, (2.5, 0.8), "plate")[: tile.shape[0], : tile.shape[1]]
     tile[..., :3] = HAIR * (0.85 + 0.15 * noise[..., None])
-    # An upright egg about the skull, a finger's breadth wider than the mask.
-    half = np.where(y > 60.0, 86.0, 82.0 + 0.05 * (y - 60))
-    height = np.where(y > 60.0, 96.0, 92.0)
-    egg = np.hypot(x / half, (y - 60.0) / height)
+    # An upright egg about the skull, a few millimetres wider than the mask.
+    egg = np.hypot(x / 83.5, (y - 60.0) / 93.5)
     tile[..., 3] = 255.0 * (1.0 - _ramp(egg + 0.006 * noise, 0.985, 1.015))
     tile[y > 164.0, 3] = 0.0

@@ -158,7 +158,8 @@ def head_sheet_png(
         If nothing can be drawn without a screen here, or the file cannot be written.
     """
     rows = -(-len(views) // columns)
-    with offscreen_plotter(columns * size, rows * size, shape=(rows, columns), border=False) as plotter:
+    with offscreen_plotter(columns * size, rows * size, shape=(rows, columns), border=False) as opened:
+        plotter: Any = opened
         plotter.suppress_rendering = True
         for k, view in enumerate(views):
             plotter.subplot(k // columns, k % columns)
