@@ -9,9 +9,8 @@ deg at 30 Hz, 0.36 at 60, 0.27 at 120 and 0.20 at 240 Hz (60 s; expression 0.92,
 and 0.76 to 0.77 mm everywhere; both together reach 0.10 deg and 0.53 mm at 240 Hz. What length buys is the pivot
 itself: joint is off by 1.2 mm after 3 s at 60 Hz, 0.12 mm after 10 s, 0.02 mm after 60 s, with an honest covariance
 throughout (normalised error 0.2 to 1.5 over four takes), while the algebraic svd stays 2 to 12 mm off at any length,
-biased by the noise of its rotations, and calls itself ok. The automatic weighting learns enough from 3 s (0.72 mm;
-0.68 mm after 10 s), but the pivot it states with free poses is too sure of itself: normalised error 4 to 6 after 3 s
-and up to 9 after 10 s.
+as its covariance says (0.7 to 2.3). The automatic weighting learns enough from 3 s (0.72 mm; 0.68 mm after 10 s), but
+the pivot it states with free poses is too sure of itself: normalised error 4 to 6 after 3 s and up to 9 after 10 s.
 
 Command: ``evalkit study run capture-rate --budget full``
 """

@@ -8,11 +8,11 @@ re-weighting equals least squares, which goes from 0.98 deg to 4.4 deg with 5 % 
 of all 23 markers has 0.37, 0.47 and 0.37 deg there, and 0.70 to 0.76 mm of expression error against 6.5 to 28 mm. With
 seven rigid markers and 5 % spoilt, svd has 1.77, 8.6 and 0.83 deg (10 mm, 50 mm, exchanged labels), robust 0.47, 1.57
 and 0.41 deg (0.40 would be without outliers), all 63 markers weighted automatically 0.18, 0.22 and 0.18 deg. At 15 %
-robust breaks down (1.6, 8.5, 0.60 deg): often more than two of seven are off at once, and ghosts stay for many frames.
-Turning the head about the pivot does not protect by itself: joint fits by least squares and has 1.14, 5.5 and 0.67 deg
-at 5 %; with the weights of robust it has 0.22, 0.66 and 0.20 deg. The pivot follows: at 5 % of 50 mm it is off by 70
-mm with svd, by 66 mm even from robust poses, by 20 mm with joint, by 0.3 mm with robust joint. qcp is svd by another
-route and no more robust.
+robust breaks down (1.6, 8.5, 0.60 deg): in 7 % of the frames more than two of seven are off at once, and the rest no
+longer agree. Turning the head about the pivot does not protect by itself: joint fits by least squares and has 1.14,
+5.5 and 0.67 deg at 5 %; with the weights of robust it has 0.22, 0.66 and 0.20 deg. The pivot follows: at 5 % of 50 mm
+it is off by 70 mm with svd, by 66 mm even from robust poses, by 20 mm with joint, by 0.3 mm with robust joint. qcp is
+svd by another route and no more robust.
 
 Command: ``evalkit study run outliers --budget full``
 """
