@@ -85,11 +85,11 @@ def ramp(fields: Mapping[str, Array], seams: Seams) -> Array:
     ``1/2 + s(d_corner) (d_lower^2 / (d_upper^2 + d_lower^2) - 1/2)`` for the upper lip.
     """
     corner = smoothstep(edge_distance(seams.graph, np.flatnonzero(seams.corners())) / seams.width)
-    apart = [edge_distance(seams.graph, np.flatnonzero(seams.member[lip]), limit=seams.width) for lip in LIPS]
+    far = 2.0 * seams.width
+    apart = [np.minimum(edge_distance(seams.graph, np.flatnonzero(seams.member[lip]), limit=far), far) for lip in LIPS]
     share = 1.0 - smoothstep(np.minimum(*apart) / seams.width)
     touched = np.flatnonzero(share > 0)
-    # Beyond the limit a distance is infinite; twice the width says as much and can be squared.
-    upper, lower = (np.minimum(distance[touched], 2.0 * seams.width) ** 2 for distance in apart)
+    upper, lower = (distance[touched] ** 2 for distance in apart)
     part = 0.5 + corner[touched] * (lower / np.maximum(upper + lower, 1e-300) - 0.5)
     face = fields["face"]
     weights = face.copy()
