@@ -9,6 +9,7 @@ import click
 from evalkit import __version__
 from evalkit.cli.compensate import compensate
 from evalkit.cli.demo import demo
+from evalkit.cli.head import head
 from evalkit.cli.methods import methods
 from evalkit.cli.regress import regress
 from evalkit.cli.study import study
@@ -25,7 +26,7 @@ def app() -> None:
     """Facial motion capture from raw markers to expression-only motion, measured at every step."""
 
 
-for command in (demo, compensate, synth, study, regress, methods):
+for command in (demo, compensate, synth, study, regress, head, methods):
     app.add_command(command)
 
 
