@@ -103,7 +103,6 @@ BLIND = dataclasses.replace(HEAD, marker_sites={k: v for k, v in HEAD.marker_sit
         (lambda: deformation_map(HEAD, NAMES, scale_mm=-1.0), ["scale_mm is -1", "positive"]),
         (lambda: deformation_map(HEAD, NAMES, "cubic", scale_mm=10.0), ["scale_mm has no meaning"]),
         (lambda: deformation_map(HEAD, NAMES, seam="soft"), ["soft", "known are none, hard, ramp, spline"]),
-        (lambda: deformation_map(HEAD, ["Chin", "LidL"]), ["no centre belongs to the upper lip", "regions=False"]),
         (lambda: deformation_map(HEAD, NAMES, regions={"upper lip": ["UpperLipC"]}), ["upper lip and lower lip"]),
         (
             lambda: deformation_map(HEAD, NAMES, regions={"upper lip": ["UpperLipC"], "lower lip": ["Tongue"]}),
@@ -139,6 +138,16 @@ def test_regions_may_be_given_as_centres():
     np.testing.assert_array_equal(deformation_map(HEAD, NAMES, regions=chosen), deformation_map(HEAD, NAMES))
     by_index = {lip: [NAMES.index(name) for name in sites] for lip, sites in LIP_SITES.items()}
     np.testing.assert_array_equal(deformation_map(HEAD, NAMES, regions=by_index), deformation_map(HEAD, NAMES))
+
+
+def test_a_lip_without_markers_moves_with_the_face():
+    """Upper faces and reduced layouts work too, and the report says what was done."""
+    few = ["ForeheadC", "BrowInL", "LidL", "NoseBridge", "CheekR", "Chin"]
+    report = deformation_report(HEAD, few[:4])
+    assert len(report.notes) == 2 and "lower lip: none of its markers" in report.notes[1]
+    np.testing.assert_array_equal(report.weights, deformation_map(HEAD, few[:4], regions=False))
+    fields = {field.region: field.centres for field in deformation_report(HEAD, few).fields}
+    assert fields["upper lip"] == ("CheekR",) and fields["lower lip"] == ("Chin",)
 
 
 def test_static_points_hold_the_rim():

@@ -192,8 +192,14 @@ def deformation_report(
         listens |= _lip_centres(head, labels, positions, eyes, regions)
     else:
         seam = "none"
-    maps, fields, notes = {}, [], []
+    maps: dict[str, Array] = {}
+    fields: list[Field] = []
+    notes: list[str] = []
     for region, which in listens.items():
+        if not which.size:
+            maps[region] = maps["face"]
+            notes.append(f"{region}: none of its markers is among the centres; it listens to all of them")
+            continue
         fixed = still if region == "face" else still[:0]
         names = [labels[i] for i in which]
         found = entry.interpolate(
@@ -335,17 +341,9 @@ def _lip_centres(
         unknown = [name for name in regions if name not in LIPS]
         if unknown or len(regions) < len(LIPS):
             raise EvalkitError(f"regions name {', '.join(regions)}; expected {' and '.join(LIPS)}")
-        chosen = {lip: np.unique([_index(item, labels) for item in regions[lip]]).astype(int) for lip in LIPS}
-    else:
-        parts = _site_of_each(head, labels, positions, eyes)
-        chosen = {lip: np.flatnonzero([part in LIP_SITES[lip] for part in parts]) for lip in LIPS}
-    for lip, which in chosen.items():
-        if not which.size:
-            raise EvalkitError(
-                f"no centre belongs to the {lip}: name one of {', '.join(LIP_SITES[lip])}, "
-                "or use regions=False to let one field move the whole head"
-            )
-    return chosen
+        return {lip: np.unique([_index(item, labels) for item in regions[lip]]).astype(int) for lip in LIPS}
+    parts = _site_of_each(head, labels, positions, eyes)
+    return {lip: np.flatnonzero([part in LIP_SITES[lip] for part in parts]) for lip in LIPS}
 
 
 def _site_of_each(head: HeadLike, labels: tuple[str, ...], positions: Array, eyes: float) -> list[str]:
