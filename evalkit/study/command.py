@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,6 +16,9 @@ from evalkit.errors import EvalkitError
 if TYPE_CHECKING:  # at run time only where needed: every command pays for what is imported here
     from evalkit.study.description import Budget, Scalar, Study
     from evalkit.study.table import Table
+
+NUMERICS = ("numpy", "scipy", "nlopt")
+"""Packages that every table's numbers hang on; their versions are printed below it."""
 
 OPTIONS = (
     click.option("-o", "--output", type=click.Path(path_type=Path), default=Path("results"), metavar="DIR",
@@ -107,16 +110,11 @@ def report(table: Table) -> str:
         parts += ["", "expected"]
         parts += [f"  {'met    ' if met else 'NOT MET'} {words}" for words, met in found]
     facts = table.provenance
-    versions = ", ".join(f"{name} {version}" for name, version in versions_shown(facts["packages"], study).items())
-    source = facts["evalkit"]["source_sha256"][:10]
-    parts += ["", f"{facts['wall_s']:.1f} s; evalkit {facts['evalkit']['version']} (source {source}), {versions}"]
+    versions = [f"{name} {facts['packages'][name]}" for name in NUMERICS if name in facts["packages"]]
+    others = [f"{method} from {origin}" for method, origin in facts["origins"].items()]
+    own = f"evalkit {facts['evalkit']['version']} (source {facts['evalkit']['source_sha256'][:10]})"
+    parts += ["", f"{facts['wall_s']:.1f} s; {', '.join([own, *versions, *others])}"]
     return "\n".join(parts)
-
-
-def versions_shown(packages: Mapping[str, str], study: Study) -> dict[str, str]:
-    """Versions of the packages that a table's numbers hang on: the numerics, and the peers among its methods."""
-    peers = [name for name in packages if any(name in method for method in study.methods)]
-    return {name: packages[name] for name in dict.fromkeys(["numpy", "scipy", "nlopt", *peers]) if name in packages}
 
 
 def _finite(value: Any) -> Any:

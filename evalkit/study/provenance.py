@@ -16,6 +16,9 @@ from pathlib import Path
 from typing import Any
 
 from evalkit import __version__
+from evalkit.deform.kernels import kernels
+from evalkit.pivot import pivot_estimators
+from evalkit.pose import pose_estimators
 from evalkit.study.description import Study
 
 PACKAGE = Path(__file__).resolve().parents[1]
@@ -32,6 +35,7 @@ def fingerprint(study: Study) -> str:
         "outside": _outside(study),
         "python": platform.python_version(),
         "packages": packages(),
+        "origins": origins(study),
         "data": data_files(study),
     }
     return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()
@@ -72,6 +76,12 @@ def packages() -> dict[str, str]:
     return dict(sorted(found.items()))
 
 
+def origins(study: Study) -> dict[str, str]:
+    """Package and version that a method comes from, of those that are peers or plugins."""
+    entries: dict[str, Any] = {**pose_estimators, **pivot_estimators, **kernels}
+    return {method: entries[method].origin for method in study.methods if method in entries and entries[method].origin}
+
+
 def data_files(study: Study) -> dict[str, str]:
     """SHA-256 of every file that is named as the value of an axis."""
     found = {}
@@ -99,6 +109,7 @@ def provenance(study: Study) -> dict[str, Any]:
         "fingerprint": fingerprint(study),
         "evalkit": {"version": __version__, "commit": commit, "dirty": dirty, "source_sha256": source_digest()},
         "packages": packages(),
+        "origins": origins(study),
         "python": platform.python_version(),
         "platform": platform.platform(),
         "cpu": _processor(),
