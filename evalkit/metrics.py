@@ -219,3 +219,78 @@ def evaluations_to(positions: ArrayLike, evaluations: ArrayLike, target: ArrayLi
     if not near.size or not near[-1]:
         return float("nan")
     return float(calls[len(near) - np.argmin(near[::-1])] if not near.all() else calls[0])
+
+
+def vertex_error_mm(estimate: ArrayLike, truth: ArrayLike) -> Array:
+    """Distance of every vertex from its true place, ``|v_est - v_true|``, without any alignment.
+
+    Parameters
+    ----------
+    estimate, truth : array_like, shape (F, V, 3), mm
+
+    Returns
+    -------
+    ndarray, shape (F, V), mm
+    """
+    difference = np.asarray(estimate, dtype=np.float64) - np.asarray(truth, dtype=np.float64)
+    return np.sqrt(np.einsum("fvi,fvi->fv", difference, difference))
+
+
+def inverted_triangles(vertices: ArrayLike, reference: ArrayLike, triangles: ArrayLike) -> Array:
+    """Number of triangles that are turned over: ``n · n_ref < 0`` for the normals n of a triangle.
+
+    Parameters
+    ----------
+    vertices : array_like, shape (F, V, 3)
+    reference : array_like, shape (F, V, 3) or (V, 3)
+        The truth, or the rest pose where there is none; triangles without area in it are left out.
+    triangles : array_like of int, shape (T, 3)
+
+    Returns
+    -------
+    ndarray of int, shape (F,)
+    """
+    t = np.asarray(triangles)
+    normal, expected = (_normals(np.asarray(v, dtype=np.float64), t) for v in (vertices, reference))
+    return np.asarray((np.einsum("...ti,...ti->...t", normal, expected) < 0.0).sum(axis=-1))
+
+
+def _normals(vertices: Array, triangles: Array) -> Array:
+    a, b, c = (vertices[..., triangles[:, k], :] for k in range(3))
+    return np.cross(b - a, c - a)
+
+
+def lip_penetration_mm(
+    vertices: ArrayLike, reference: ArrayLike, lower: ArrayLike, upper: ArrayLike, share: ArrayLike
+) -> Array:
+    """How deep the lips have gone through each other, at each pair of places that touch at rest.
+
+    ``max(0, min(0, g_ref) - g)`` with the gap ``g = y((1 - s) v[upper_0] + s v[upper_1]) - y(v[lower])``, upward in the
+    head's axes; what overlaps in the reference already does not count.
+
+    Parameters
+    ----------
+    vertices : array_like, shape (F, V, 3), mm
+        In the head's axes.
+    reference : array_like, shape (F, V, 3) or (V, 3), mm
+        The truth, or the rest pose where there is none.
+    lower : array_like of int, shape (P,)
+        Vertices of the lower lip.
+    upper : array_like of int, shape (P, 2)
+        The two vertices of the upper lip opposite each.
+    share : array_like, shape (P,)
+        s: where between the two.
+
+    Returns
+    -------
+    ndarray, shape (F, P), mm
+    """
+    low, up, s = np.asarray(lower), np.asarray(upper), np.asarray(share, dtype=np.float64)
+
+    def gap(heights: Array) -> Array:
+        return np.asarray(
+            (1.0 - s) * heights[..., up[:, 0]] + s * heights[..., up[:, 1]] - heights[..., low], dtype=np.float64
+        )
+
+    now, before = (gap(np.asarray(v, dtype=np.float64)[..., 1]) for v in (vertices, reference))
+    return np.maximum(0.0, np.minimum(before, 0.0) - now)

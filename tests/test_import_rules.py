@@ -16,7 +16,7 @@ LEVELS = [
     {"capture", "synthetic"},
     {"pose", "pivot", "peers"},
     {"compensation", "published", "leak", "deform", "transfer", "control", "vision", "head"},
-    {"metrics", "results"},
+    {"metrics", "results", "dense"},
     {"study", "render"},
     {"figures", "studies"},
     {"cli", "editor", "report", "__main__"},
@@ -38,7 +38,7 @@ JUDGED = {
     "head",
     "geometry",
 }
-JUDGES = {"synthetic", "metrics"}
+JUDGES = {"synthetic", "dense", "metrics"}
 """Methods never see the truth nor what judges them."""
 
 HEAVY = {"vtk", "vtkmodules", "pyvista", "nlopt", "matplotlib", "scipy", "pandas", "plotly"}

@@ -27,6 +27,12 @@ MODULES = (
     "capture_rate",
     "real_takes",
     "scaling",
+    "rbf_kernels",
+    "regions",
+    "static_points",
+    "marker_count",
+    "kernel_scale",
+    "units",
 )
 """Files of this folder that hold a ``study``, by theme; ``studies`` is the table of them, name to study, from which
 the command line and the tests take their lists. They are imported when it is first looked at."""

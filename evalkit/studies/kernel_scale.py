@@ -1,0 +1,64 @@
+"""The length of a kernel, as a fraction of the distance between the eyes.
+
+Question: how much does a kernel's error depend on its length, and where does the system become badly conditioned?
+
+Finding: -
+
+Command: ``evalkit study run kernel-scale --budget full``.
+"""
+
+from __future__ import annotations
+
+from evalkit.deform.centres import inter_eye_distance
+from evalkit.deform.kernels import OWN
+from evalkit.geometry import Array
+from evalkit.studies.dense_takes import (
+    DENSE_COLUMNS,
+    DENSE_FIGURES,
+    KERNELS,
+    DenseTake,
+    build_map,
+    dense_take,
+    score_map,
+)
+from evalkit.studies.takes import told
+from evalkit.study.command import script
+from evalkit.study.description import Budget, Study
+from evalkit.study.figures import median
+
+
+def prepare(seed: int, head: str, scale: float) -> tuple[DenseTake, float]:
+    """A performance seen by the 23 markers, and the kernel's length in mm."""
+    take = dense_take(head, seed)
+    return take, scale * inter_eye_distance(take.face.head)
+
+
+def run(data: tuple[DenseTake, float], method: str) -> tuple[Array, float]:
+    """The map of a kernel of this length."""
+    take, scale_mm = data
+    return build_map(take, method, scale_mm=scale_mm)
+
+
+QUESTION, FINDING = told(__doc__)
+
+study = Study(
+    name="kernel-scale",
+    question=QUESTION,
+    finding=FINDING,
+    axes={"head": ("template",), "scale": (0.125, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0)},
+    methods=tuple(name for name in KERNELS if OWN[name].scale is not None),
+    prepare=prepare,
+    run=run,
+    score=lambda data, result: score_map(data[0], result),
+    columns=DENSE_COLUMNS,
+    figures=(*DENSE_FIGURES, median("condition", "condition number", "")),
+    full=Budget(seeds=3),
+    small=Budget(
+        seeds=1,
+        axes={"head": ("template 3000",), "scale": (0.25, 1.0, 4.0)},
+        methods=("exponential", "gaussian", "multiquadric", "matern-3-2"),
+    ),
+)
+
+if __name__ == "__main__":
+    script(study)

@@ -1,0 +1,72 @@
+"""Treatments of the seam between the fields of face, upper lip and lower lip.
+
+Question: what jump does each treatment of the seam leave beside the mouth corners, and what does it cost the lips?
+
+Finding: -
+
+Command: ``evalkit study run regions --budget full``.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from evalkit.deform import Deformer, seam_jump, seam_treatments
+from evalkit.geometry import Array
+from evalkit.studies.dense_takes import (
+    DENSE_COLUMNS,
+    DENSE_FIGURES,
+    FLIP_STEP,
+    DenseTake,
+    build_map,
+    dense_take,
+    score_map,
+)
+from evalkit.studies.takes import told
+from evalkit.study.command import script
+from evalkit.study.description import Budget, Expected, Study
+from evalkit.study.figures import largest
+
+
+def prepare(seed: int, head: str, kernel: str) -> tuple[DenseTake, str]:
+    """A performance seen by the 23 markers, and the kernel."""
+    return dense_take(head, seed), kernel
+
+
+def run(data: tuple[DenseTake, str], method: str) -> tuple[Array, float]:
+    """The map with this treatment of the seam."""
+    take, kernel = data
+    return build_map(take, kernel, seam=method)
+
+
+def score(data: tuple[DenseTake, str], result: tuple[Array, float]) -> dict[str, Any]:
+    """Errors, and the jump in every fifth frame."""
+    take, head = data[0], data[0].face.head
+    moved = Deformer(result[0])(take.displacement[::FLIP_STEP])
+    return {**score_map(take, result), "jump_mm": float(seam_jump(head, moved).max(initial=0.0))}
+
+
+QUESTION, FINDING = told(__doc__)
+
+study = Study(
+    name="regions",
+    question=QUESTION,
+    finding=FINDING,
+    axes={"head": ("template", "template 3000"), "kernel": ("exponential", "thin-plate", "bilaplacian")},
+    methods=tuple(seam_treatments),
+    prepare=prepare,
+    run=run,
+    score=score,
+    columns={
+        **DENSE_COLUMNS,
+        "jump_mm": "largest jump across an edge beside the mouth corners, see evalkit.deform.seam_jump, mm",
+    },
+    figures=(largest("jump_mm", "jump at the corners", "mm"), *DENSE_FIGURES),
+    full=Budget(seeds=5),
+    small=Budget(seeds=1, axes={"head": ("template 3000",), "kernel": ("exponential", "thin-plate")}),
+    # The target for a seam that nobody sees; a hard one jumps by ten times as much.
+    expected=(Expected("jump at the corners", "ramp", 0.05),),
+)
+
+if __name__ == "__main__":
+    script(study)
