@@ -105,7 +105,7 @@ def report(table: Table) -> str:
     if failed:
         parts += ["", "failed rows"]
         parts += [f"  {count} x {method}: {message}" for (method, message), count in failed.items()]
-    found = verdicts(study, table.summary)
+    found = verdicts(study, table.summary + table.machine_summary)
     if found:
         parts += ["", "expected"]
         parts += [f"  {'met    ' if met else 'NOT MET'} {words}" for words, met in found]
