@@ -260,7 +260,8 @@ def read_head(path: str | Path) -> Head:
     if not path.is_file():
         raise EvalkitError(f"{path}: no such file; make a head with: evalkit head new -o DIR")
     try:
-        with np.load(path, allow_pickle=False) as file:
+        # numpy leaves a file open that it opened itself and then could not read.
+        with path.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
             facts = json.loads(str(file["facts"]))
             arrays = {name: file[name] for name in file.files if name != "facts"}
         if facts["format"] != FORMAT:

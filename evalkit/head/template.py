@@ -42,8 +42,14 @@ LID_MM = 1.1
 LID_GAP_MM = 0.15
 """Closed lids stop so far above the edges of the lower ones: they touch for the eye and never cross."""
 
+CORNER_MM = 4.0
+"""Around the inner corners of the eyes the sheet is evened out so far."""
+
 SMOOTHING = 12
 """Rounds in which every free vertex of the sheet moves towards the middle of its neighbours, along the surface."""
+
+WEIGHT_SMOOTHING = 16
+"""Rounds of smoothing of the jaw's weights at the default resolution."""
 
 MIRROR = np.array([-1.0, 1.0, 1.0])
 
@@ -228,7 +234,7 @@ def sheet(grid: Grid) -> Array:
     out[left] = project(out[left], table.PRIMITIVES, steps=3)
     middle = np.concatenate([block[:, len(grid.half) - 1] for block in grid.ids.values()])
     out[middle, 0] = 0.0
-    out[left] = _clear_of_eye(out[left])
+    out[left] = _eased_at_corners(grid, _clear_of_eye(out, left), average, fixed)[left]
     out[left] += _hair(grid, out)[left]
     out[mirrored[left]] = out[left] * MIRROR
     return out
@@ -267,13 +273,23 @@ def sheet_edges(grid: Grid) -> Indices:
     return np.unique(np.sort(np.concatenate(pairs), axis=1), axis=0)
 
 
-def _clear_of_eye(places_left: Array) -> Array:
-    """Vertices near the left eyeball pushed out to the thickness of a lid."""
-    arm = places_left - table.EYE_CENTRE
-    reach = np.linalg.norm(arm, axis=1)
-    near = reach < table.EYE_RADIUS + LID_MM
-    out = places_left.copy()
-    out[near] = table.EYE_CENTRE + arm[near] * ((table.EYE_RADIUS + LID_MM) / reach[near])[:, None]
+def _clear_of_eye(skin: Array, left: Indices) -> Array:
+    """The sheet with vertices near the left eyeball pushed out to the thickness of a lid."""
+    arm = skin[left] - table.EYE_CENTRE
+    reach = np.maximum(np.linalg.norm(arm, axis=1), table.EYE_RADIUS + LID_MM)
+    out = skin.copy()
+    out[left] = table.EYE_CENTRE + arm * (reach / np.linalg.norm(arm, axis=1))[:, None]
+    return out
+
+
+def _eased_at_corners(grid: Grid, skin: Array, average: sparse.csr_array, fixed: Indices) -> Array:
+    """The sheet with the hollow beside the inner corner of the eye evened out, where rows crowd together."""
+    corner = skin[grid.ids["upper"][-1, grid.eyes[0][0]]]
+    near = np.linalg.norm(skin - corner, axis=1) < CORNER_MM
+    near[fixed] = False
+    out = skin.copy()
+    for _ in range(2):
+        out[near] = 0.5 * (out + average @ out)[near]
     return out
 
 
@@ -357,7 +373,7 @@ def jaw_weights(grid: Grid) -> Array:
     chin = np.ix_((rows["lower"] >= 2) & (rows["lower"] <= 4), column <= 3)
     known[lower[chin]] = 1.0
     known[lower[np.ix_((rows["lower"] >= 3) & (rows["lower"] <= 4), column <= 5)]] = 1.0
-    known[lower[rows["lower"] >= 7.5]] = 0.0
+    known[lower[-1]] = 0.0
     for block in (middle, lower):
         known[block[:, column >= 8]] = 0.0
     off_middle = np.abs(grid.across[grid.mouth]) / cage.MOUTH_CORNER
@@ -370,6 +386,13 @@ def jaw_weights(grid: Grid) -> Array:
     laplacian = (sparse.diags_array(graph.sum(axis=1)) - graph).tocsr()
     free, held = np.flatnonzero(np.isnan(known)), np.flatnonzero(~np.isnan(known))
     known[free] = spsolve(laplacian[free][:, free].tocsc(), -laplacian[free][:, held] @ known[held])
+    # Harmonic weights bend sharply where they are prescribed: even them out, the lips' edges excepted.
+    lips = np.unique(np.concatenate([lower[0, grid.mouth], middle[-1, grid.mouth]]))
+    average, _ = _smoother(grid)
+    for _ in range(round(WEIGHT_SMOOTHING * len(grid.half) / (1 + sum(cage.COLUMNS)))):
+        smooth = 0.5 * (known + average @ known)
+        smooth[lips] = known[lips]
+        known = smooth
     mirrored = _mirror_map(grid)
     return np.clip(0.5 * (known + known[mirrored]), 0.0, 1.0)
 

@@ -85,7 +85,7 @@ def draw_head(plotter: Any, head: Head, view: View, *, without: tuple[str, ...] 
     without : tuple of str
         Parts left out.
     flat : str, optional
-        One colour for everything, unlit: for tests of what covers what.
+        One colour for everything, unlit and seen from outside only: for tests of what covers what.
     """
     import pyvista
 
@@ -97,7 +97,7 @@ def draw_head(plotter: Any, head: Head, view: View, *, without: tuple[str, ...] 
             continue
         mesh = head_mesh(head, part, vertices)
         if flat is not None:
-            plotter.add_mesh(mesh, color=flat, lighting=False)
+            plotter.add_mesh(mesh, color=flat, lighting=False, culling="back")
         elif view.wireframe:
             plotter.add_mesh(mesh, color="#28323c", style="wireframe", line_width=1, lighting=False)
         else:
