@@ -93,10 +93,7 @@ def data_files(study: Study) -> dict[str, str]:
 
 
 def provenance(study: Study) -> dict[str, Any]:
-    """The facts that stand beside a table, as JSON types."""
-    from threadpoolctl import threadpool_info
-
-    commit, dirty = _commit()
+    """The facts that stand beside a study's table, as JSON types."""
     return {
         "study": study.name,
         "question": study.question,
@@ -107,9 +104,21 @@ def provenance(study: Study) -> dict[str, Any]:
         "machine_columns": {"seconds": "wall time of the method's run, s", **study.machine},
         "figures": {figure.name: figure.text for figure in study.figures},
         "fingerprint": fingerprint(study),
+        **environment(),
+        "origins": origins(study),
+        "threads_per_cell": 1,
+        "data_sha256": data_files(study),
+    }
+
+
+def environment() -> dict[str, Any]:
+    """The code, the packages and the machine that this process runs with, as JSON types."""
+    from threadpoolctl import threadpool_info
+
+    commit, dirty = _commit()
+    return {
         "evalkit": {"version": __version__, "commit": commit, "dirty": dirty, "source_sha256": source_digest()},
         "packages": packages(),
-        "origins": origins(study),
         "python": platform.python_version(),
         "platform": platform.platform(),
         "cpu": _processor(),
@@ -117,8 +126,6 @@ def provenance(study: Study) -> dict[str, Any]:
         "blas": [
             {key: info.get(key) for key in ("internal_api", "version", "architecture")} for info in threadpool_info()
         ],
-        "threads_per_cell": 1,
-        "data_sha256": data_files(study),
     }
 
 
