@@ -94,3 +94,22 @@ def on_skin(wanted: dict[str, Array], vertices: Array, triangles: Indices) -> di
     """Places moved to the nearest point of the skin."""
     found, _ = closest_points(np.array(list(wanted.values())), vertices, triangles)
     return dict(zip(wanted, found, strict=True))
+
+
+def sites_by_landmarks(landmarks: dict[str, Array]) -> dict[str, Array]:
+    """Marker sites near the skin of another head: the measured face's sites carried along with its landmarks.
+
+    An affine map takes the common landmarks of the measured face to those of the head (least squares); what
+    it leaves over is spread by inverse distance (Shepard), so that landmarks arrive exactly.
+    """
+    measured, sites = all_landmarks(), all_marker_sites()
+    common = [name for name in measured if name in landmarks]
+    source, target = (np.array([where[name] for name in common]) for where in (measured, landmarks))
+    wanted = np.array(list(sites.values()))
+    one = np.ones((len(source), 1))
+    affine, *_ = np.linalg.lstsq(np.hstack([source, one]), target, rcond=None)
+    rest = target - np.hstack([source, one]) @ affine
+    weight = 1.0 / np.maximum(((wanted[:, None] - source) ** 2).sum(axis=2), 1e-6)
+    moved = np.hstack([wanted, np.ones((len(wanted), 1))]) @ affine
+    moved += weight @ rest / weight.sum(axis=1, keepdims=True)
+    return dict(zip(sites, moved, strict=True))

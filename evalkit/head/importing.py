@@ -1,0 +1,337 @@
+"""Heads of others: a mesh file with a JSON of names, ICT-FaceKit, the canonical face of MediaPipe.
+
+The JSON beside a mesh (or named with ``--names``) holds::
+
+    {
+      "unit_mm": 10.0,
+      "landmarks": {"nose tip": 1225, "chin": [0.0, -75.7, 104.3]},
+      "marker_sites": {"Chin": 1307},
+      "regions": {"neck": [12, 13], "upper lip": [40, 41], "lower lip": [50, 51], "hindbrain": [1, 2]},
+      "parts": {"skin": [0, 1000], "eyeballs": [1000, 1400]}
+    }
+
+``unit_mm`` is the length of the file's unit (1 if left out). A place is a vertex number or a position in the
+file's unit. Vertices that no region names belong to the face. ``parts`` are ranges of triangles; without them
+everything is skin.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from evalkit.errors import EvalkitError
+from evalkit.geometry import Array
+from evalkit.head.model import REGIONS, SOFT, Head, Indices
+
+MESH_ENDINGS = (".obj", ".ply", ".stl", ".vtk", ".vtp", ".glb", ".gltf")
+
+ICT_LANDMARKS = {
+    "nasion": 28, "nose tip": 31, "subnasale": 34, "upper lip": 52, "lower lip": 58, "chin": 9,
+    "brow inner left": 23, "brow inner right": 22, "brow middle left": 25, "brow middle right": 20,
+    "brow outer left": 27, "brow outer right": 18, "eye inner left": 43, "eye inner right": 40,
+    "upper lid inner left": 44, "upper lid inner right": 39, "upper lid outer left": 45, "upper lid outer right": 38,
+    "eye outer left": 46, "eye outer right": 37, "lower lid outer left": 47, "lower lid outer right": 42,
+    "lower lid inner left": 48, "lower lid inner right": 41, "nose wing left": 36, "nose wing right": 32,
+    "lip peak left": 53, "lip peak right": 51, "mouth corner left": 55, "mouth corner right": 49,
+    "jaw left": 13, "jaw right": 5, "ear left": 17, "ear right": 1,
+}  # fmt: skip
+"""Landmark -> number (from 1) in the 300-W scheme, which ICT-FaceKit lists vertices for."""
+
+MEDIAPIPE_LANDMARKS = {
+    "forehead": 10, "nasion": 168, "nose tip": 1, "subnasale": 2, "upper lip": 0, "lower lip": 17, "chin": 152,
+    "eye inner left": 362, "eye inner right": 133, "eye outer left": 263, "eye outer right": 33,
+    "mouth corner left": 291, "mouth corner right": 61, "brow inner left": 285, "brow inner right": 55,
+    "brow outer left": 300, "brow outer right": 70,
+}  # fmt: skip
+"""Landmark -> vertex of MediaPipe's canonical face."""
+
+
+def import_head(source: str | Path, names: str | Path | None = None) -> Head:
+    """A head from a mesh file of others.
+
+    Parameters
+    ----------
+    source : str or Path
+        A mesh file (OBJ, PLY, STL, VTK, glTF) with a JSON of names; the ICT-FaceKit subset (``.npz``); the
+        folder of ICT-FaceKit with ``generic_neutral_mesh.obj``; ``mediapipe_canonical_face.obj``.
+    names : str or Path, optional
+        JSON of landmarks and regions; by default the file beside the mesh with the ending ``.json``.
+
+    Returns
+    -------
+    Head
+
+    Raises
+    ------
+    EvalkitError
+        If a file cannot be read or names something that is not there.
+    """
+    path = Path(source)
+    if not path.exists():
+        raise EvalkitError(f"{path}: no such file or folder")
+    if path.is_dir():
+        return _ict_folder(path)
+    if path.suffix == ".npz":
+        return _ict_subset(path)
+    if path.suffix.lower() not in MESH_ENDINGS:
+        raise EvalkitError(f"{path}: '{path.suffix}' is no mesh file; known are {', '.join(MESH_ENDINGS)}")
+    vertices, triangles = read_mesh(path)
+    if path.name == "mediapipe_canonical_face.obj" and names is None:
+        return _canonical_face(path, vertices, triangles)
+    beside = path.with_suffix(".json") if names is None else Path(names)
+    return with_names(path, vertices, triangles, read_names(beside))
+
+
+def read_mesh(path: Path) -> tuple[Array, Indices]:
+    """Vertices (V, 3) in the file's unit and triangles (T, 3) of a mesh file.
+
+    Raises
+    ------
+    EvalkitError
+        If the file cannot be read or holds no surface.
+    """
+    import pyvista
+
+    try:
+        data = pyvista.read(path)
+        if isinstance(data, pyvista.MultiBlock):
+            data = data.combine()
+        mesh = data.extract_surface(algorithm="dataset_surface") if not isinstance(data, pyvista.PolyData) else data
+        mesh = mesh.triangulate()
+    except Exception as error:
+        # The readers behind raise whatever they like on a damaged file.
+        raise EvalkitError(
+            f"{path}: cannot be read as a mesh ({str(error).splitlines()[0] if str(error) else type(error).__name__})"
+        ) from error
+    triangles = (
+        np.asarray(mesh.faces).reshape(-1, 4)[:, 1:].astype(np.intp) if mesh.n_cells else np.zeros((0, 3), np.intp)
+    )
+    if not len(triangles):
+        raise EvalkitError(f"{path}: holds no triangles")
+    return np.asarray(mesh.points, dtype=np.float64), triangles
+
+
+def read_names(path: Path) -> dict[str, Any]:
+    """The JSON of names.
+
+    Raises
+    ------
+    EvalkitError
+        If it is missing or no JSON object.
+    """
+    try:
+        facts = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise EvalkitError(
+            f"{path}: cannot be read ({error.strerror or error}); a mesh needs a JSON of landmarks and regions"
+        ) from error
+    except ValueError as error:
+        raise EvalkitError(f"{path}: no valid JSON ({error})") from error
+    if not isinstance(facts, dict) or not isinstance(facts.get("landmarks"), dict):
+        raise EvalkitError(f"{path}: 'landmarks' is missing: an object of names and vertex numbers or positions")
+    return facts
+
+
+def with_names(path: Path, vertices: Array, triangles: Indices, facts: dict[str, Any]) -> Head:
+    """A head of a mesh and its JSON of names.
+
+    Raises
+    ------
+    EvalkitError
+        If a name stands for a vertex that does not exist or for no position.
+    """
+    try:
+        unit = float(facts.get("unit_mm", 1.0))
+        parts = {
+            str(name): (int(a), int(b)) for name, (a, b) in facts.get("parts", {"skin": (0, len(triangles))}).items()
+        }
+    except (TypeError, ValueError, AttributeError) as error:
+        raise EvalkitError(f"{path}: 'unit_mm' must be a number and 'parts' names with [first, end]") from error
+
+    def places(kind: str) -> dict[str, Array]:
+        out = {}
+        for name, value in facts.get(kind, {}).items():
+            if isinstance(value, int):
+                if not 0 <= value < len(vertices):
+                    raise EvalkitError(f"{path}: {kind} '{name}' is vertex {value}, of {len(vertices)}")
+                out[name] = vertices[value] * unit
+            elif isinstance(value, list) and len(value) == 3 and all(isinstance(x, int | float) for x in value):
+                out[name] = np.array(value, dtype=np.float64) * unit
+            else:
+                raise EvalkitError(f"{path}: {kind} '{name}' is neither a vertex number nor a position [x, y, z]")
+        return out
+
+    regions = {}
+    for name, which in facts.get("regions", {}).items():
+        index = np.unique(np.asarray(which, dtype=np.float64)).astype(np.intp) if which else np.zeros(0, np.intp)
+        if len(index) and (index[0] < 0 or index[-1] >= len(vertices)):
+            raise EvalkitError(f"{path}: region '{name}' uses vertex {index[-1]}, of {len(vertices)}")
+        regions[name] = index
+    head = Head(
+        name=path.stem,
+        vertices=vertices * unit,
+        triangles=triangles,
+        parts=parts,
+        regions={},
+        landmarks=places("landmarks"),
+        marker_sites=places("marker_sites"),
+        source=f"imported from {path.name}",
+    )
+    return _completed(head, regions)
+
+
+def _completed(head: Head, regions: dict[str, Indices]) -> Head:
+    """The head with every soft vertex in a region: what none names is face."""
+    from dataclasses import replace
+
+    soft = np.unique(np.concatenate([head.triangles[slice(*head.parts[p])].ravel() for p in SOFT if p in head.parts]))
+    named = np.unique(np.concatenate([np.zeros(0, np.intp), *regions.values()]))
+    face = np.union1d(regions.get("face", np.zeros(0, np.intp)), np.setdiff1d(soft, named))
+    complete = {name: np.intersect1d(regions.get(name, np.zeros(0, np.intp)), soft) for name in REGIONS}
+    return replace(
+        head,
+        regions=complete
+        | {"face": np.intersect1d(face, soft)}
+        | {name: which for name, which in regions.items() if name not in REGIONS},
+    )
+
+
+def regions_by_place(vertices: Array, landmarks: dict[str, Array]) -> dict[str, Indices]:
+    """The five regions of a head that names none, from its landmarks (mm, y up, z forward).
+
+    Lips: within 0.62 mouth widths of the middle of the mouth and between the base of the nose and the fold
+    under the lip, cut at the line through the corners. Neck: below the chin and behind it. Hindbrain: behind the
+    outer corners of the eyes by one face depth (outer eye corner to nose tip), or above the forehead.
+    """
+    corner = np.array([landmarks["mouth corner left"], landmarks["mouth corner right"]])
+    middle, width = corner.mean(axis=0), np.linalg.norm(corner[0] - corner[1])
+    eye = 0.5 * (landmarks["eye outer left"] + landmarks["eye outer right"])
+    depth = landmarks["nose tip"][2] - eye[2]
+    height = landmarks["nasion"][1] - landmarks["chin"][1]
+    x, y, z = vertices[:, 0] - middle[0], vertices[:, 1], vertices[:, 2]
+    fold = 0.5 * (landmarks["lower lip"][1] + landmarks["chin"][1]) + 0.15 * height
+    lips = (np.abs(x) < 0.62 * width) & (z > middle[2] - depth) & (y < landmarks["subnasale"][1]) & (y > fold)
+    kind = np.full(len(vertices), 2)
+    kind[(z < eye[2] - 1.2 * depth) | (y > landmarks["nasion"][1] + 0.62 * height)] = 0
+    kind[(y < landmarks["chin"][1] + 0.03 * height) & (z < landmarks["chin"][2] - 0.4 * depth)] = 1
+    kind[y < landmarks["chin"][1] - 0.1 * height] = 1
+    kind[lips & (y >= middle[1])] = 3
+    kind[lips & (y < middle[1])] = 4
+    return {name: np.flatnonzero(kind == k) for k, name in enumerate(REGIONS)}
+
+
+def _named_by_place(
+    head_name: str, vertices: Array, triangles: Indices, landmarks: dict[str, Array], **other: Any
+) -> Head:
+    """A head whose regions and marker sites follow from its landmarks."""
+    from evalkit.head.places import on_skin, sites_by_landmarks
+
+    parts = other.pop("parts", {"skin": (0, len(triangles))})
+    skin = triangles[slice(*parts["skin"])]
+    head = Head(
+        name=head_name, vertices=vertices, triangles=triangles, parts=parts, regions={}, landmarks=landmarks,
+        marker_sites=on_skin(sites_by_landmarks(landmarks), vertices, skin), **other,
+    )  # fmt: skip
+    return _completed(head, regions_by_place(vertices, landmarks))
+
+
+def _canonical_face(path: Path, vertices: Array, triangles: Indices) -> Head:
+    vertices = vertices * 10.0  # the file is in centimetres
+    landmarks = {name: vertices[k] for name, k in MEDIAPIPE_LANDMARKS.items()}
+    return _named_by_place(path.stem, vertices, triangles, landmarks, source="MediaPipe canonical face, Apache-2.0")
+
+
+def _ict_subset(path: Path) -> Head:
+    try:
+        with path.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
+            data = {name: file[name] for name in file.files}
+        facts, ranges = json.loads(str(data["vertex_indices"])), json.loads(str(data["parts"]))
+        units = dict(zip((str(n) for n in data["expression_names"]), data["expressions"], strict=True))
+        people = dict(zip((str(n) for n in data["identity_names"]), data["identities"], strict=True))
+        quads, neutral = data["quads"].astype(np.intp), data["neutral"].astype(np.float64)
+        triangles = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]], data["triangles"].astype(np.intp)])
+    except Exception as error:
+        # numpy, zipfile and json each raise their own kinds of errors on a file that is something else.
+        raise EvalkitError(f"{path}: not a head file nor the ICT-FaceKit subset ({type(error).__name__})") from error
+    return _ict(neutral, triangles, facts["idx_to_landmark_verts"], ranges, units, people)
+
+
+def _ict_folder(path: Path) -> Head:
+    """ICT-FaceKit as it is published: a folder with generic_neutral_mesh.obj, expressions, identities and indices."""
+    neutral = next(iter(sorted(path.rglob("generic_neutral_mesh.obj"))), None)
+    indices = next(iter(sorted(path.rglob("vertex_indices.json"))), None)
+    if neutral is None or indices is None:
+        raise EvalkitError(f"{path}: no ICT-FaceKit: generic_neutral_mesh.obj and vertex_indices.json are needed")
+    vertices, triangles = read_mesh(neutral)
+    units, people = {}, {}
+    for file in sorted(neutral.parent.glob("*.obj")):
+        if file == neutral:
+            continue
+        shape, _ = read_mesh(file)
+        if len(shape) != len(vertices):
+            raise EvalkitError(f"{file}: {len(shape)} vertices, the neutral face has {len(vertices)}")
+        (people if file.stem.startswith("identity") else units)[file.stem] = shape
+    facts = read_indices(indices)
+    return _ict(vertices, triangles, facts["idx_to_landmark_verts"], ICT_PARTS, units, people)
+
+
+def read_indices(path: Path) -> dict[str, Any]:
+    """ICT-FaceKit's JSON of vertex numbers.
+
+    Raises
+    ------
+    EvalkitError
+        If it lists no landmarks.
+    """
+    try:
+        facts = json.loads(path.read_text(encoding="utf-8"))
+        facts["idx_to_landmark_verts"]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise EvalkitError(f"{path}: lists no idx_to_landmark_verts") from error
+    return dict(facts)
+
+
+ICT_PARTS = {
+    "face": [0, 9409], "head_and_neck": [9409, 11248], "mouth_socket": [11248, 13294],
+    "eye_socket_left": [13294, 13678], "eye_socket_right": [13678, 14062], "gums_and_tongue": [14062, 17039],
+    "teeth": [17039, 21451], "eyeball_left": [21451, 23021], "eyeball_right": [23021, 24591],
+}  # fmt: skip
+"""Ranges of vertices of ICT-FaceKit's mesh, from its documentation; what lies beyond (lashes, lines of the eyes) is
+left out."""
+
+
+def _ict(
+    neutral: Array,
+    triangles: Indices,
+    listed: list[int],
+    ranges: dict[str, list[int]],
+    units: dict[str, Array],
+    people: dict[str, Array],
+) -> Head:
+    ends = {"skin": ("face", "head_and_neck"), "mouth pocket": ("mouth_socket",),
+            "lids": ("eye_socket_left", "eye_socket_right"), "tongue": ("gums_and_tongue",), "teeth": ("teeth",),
+            "eyeballs": ("eyeball_left", "eyeball_right")}  # fmt: skip
+    highest = triangles.max(axis=1)
+    pieces, parts, start = [], {}, 0
+    for part, names in ends.items():
+        # A triangle across two ranges belongs to the later one.
+        chosen = np.any([(highest >= ranges[n][0]) & (highest < ranges[n][1]) for n in names], axis=0)
+        pieces.append(triangles[chosen])
+        parts[part] = (start, start + int(chosen.sum()))
+        start += int(chosen.sum())
+    count = max(end for _, end in ranges.values())
+    vertices = neutral[:count] * 10.0
+    landmarks = {name: vertices[listed[number - 1]] for name, number in ICT_LANDMARKS.items()}
+    shapes = {}
+    for name, shape in {**units, **people}.items():
+        moves = np.asarray(shape[:count], dtype=np.float64) * 10.0 - vertices
+        which = np.flatnonzero(np.abs(moves).max(axis=1) > 1e-4)
+        shapes[name] = (which, moves[which])
+    return _named_by_place(
+        "ICT-FaceKit", vertices, np.concatenate(pieces), landmarks, parts=parts, blendshapes=shapes,
+        source="ICT-FaceKit, MIT licence, USC Institute for Creative Technologies",
+    )  # fmt: skip
