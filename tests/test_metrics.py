@@ -109,3 +109,45 @@ def test_evaluations_to_counts_to_the_last_entry_into_the_tolerance():
     assert metrics.evaluations_to(positions, calls, [1.0, 2.0, 3.0], 10.0) == 1
     assert np.isnan(metrics.evaluations_to(positions, calls, [1.0, 2.0, 4.0], 0.5))
     assert np.isnan(metrics.evaluations_to(np.empty((0, 3)), [], [0.0, 0.0, 0.0], 1.0))
+
+
+def fan(frames=3):
+    """A flat square of four triangles around a vertex, moving forward, and the triangles."""
+    square = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0]])
+    motion = np.arange(frames)[:, None, None] * np.array([0.0, 0.0, 2.0])
+    return square + motion, np.array([[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 1]])
+
+
+def test_true_vertices_score_zero_and_displaced_ones_their_distance():
+    vertices, _ = fan()
+    assert metrics.vertex_error_mm(vertices, vertices).max() == 0.0
+    wrong = vertices.copy()
+    wrong[1, 2] += [3.0, 0.0, 4.0]
+    errors = metrics.vertex_error_mm(wrong, vertices)
+    assert errors[1, 2] == pytest.approx(5.0) and np.count_nonzero(errors) == 1
+
+
+def test_turned_over_triangles_are_counted():
+    vertices, triangles = fan()
+    assert metrics.inverted_triangles(vertices, vertices, triangles).tolist() == [0, 0, 0]
+    assert metrics.inverted_triangles(vertices, vertices[0], triangles).tolist() == [0, 0, 0]
+    wrong = vertices.copy()
+    # The middle dragged across the edge between 1 and 2 turns that triangle over, and no other.
+    wrong[1, 0, :2] = [0.8, 0.8]
+    assert metrics.inverted_triangles(wrong, vertices, triangles).tolist() == [0, 1, 0]
+
+
+def test_lips_in_each_other_are_measured_by_their_depth():
+    rest = np.array([[-1.0, 0.1, 0], [1.0, 0.3, 0], [0.5, 0.0, 0]])
+    lips = {"lower": [2], "upper": [[0, 1]], "share": [0.75]}
+    moved = np.stack([rest] * 4)
+    moved[1, 2, 1] += 0.25  # touching
+    moved[2, 2, 1] += 1.0
+    moved[3, :2, 1] += 1.0  # apart
+    assert metrics.lip_penetration_mm(moved, moved, **lips).max() == 0.0
+    np.testing.assert_allclose(metrics.lip_penetration_mm(moved, rest, **lips)[:, 0], [0, 0, 0.75, 0], atol=ROUNDING)
+    # What overlaps in the reference does not count: from 0.25 deep to 0.75 deep is 0.5.
+    overlapping = rest + [[0.0] * 3, [0.0] * 3, [0.0, 0.5, 0.0]]
+    np.testing.assert_allclose(
+        metrics.lip_penetration_mm(moved, overlapping, **lips)[:, 0], [0, 0, 0.5, 0], atol=ROUNDING
+    )

@@ -66,13 +66,13 @@ class Muscle:
 
 
 MUSCLES = (
-    Muscle("smile", "mouth corner", (26, 46, -26), 13.0, 34, both_lips=True),  # zygomaticus major
+    Muscle("smile", "mouth corner", (26, 46, -26), 13.0, 38, both_lips=True),  # zygomaticus major
     Muscle("smile", "Cheek", (12, 38, 22), 5.0, 28),  # the cheek is pushed up and out by what comes from below
     Muscle("smile", "nose wing", (14, 14, -8), 2.5, 14),
     Muscle("lip_stretch", "mouth corner", (36, -10, -28), 7.0, 30, both_lips=True),  # risorius
-    Muscle("upper_lip_up", "lip peak", (3, 30, -5), 4.0, 20),  # levator labii superioris
+    Muscle("upper_lip_up", "lip peak", (3, 36, -6), 3.5, 27),  # levator labii superioris
     Muscle("upper_lip_up", "nose wing", (8, 24, -6), 2.0, 14),
-    Muscle("lower_lip_down", "LowerLip", (4, -30, -6), 4.0, 20),  # depressor labii inferioris
+    Muscle("lower_lip_down", "LowerLip", (4, -36, -7), 3.5, 28),  # depressor labii inferioris
     Muscle("brow_up", "brow inner", (2, 40, -6), 4.5, 28),  # frontalis
     Muscle("brow_up", "BrowOut", (9, 40, -12), 6.5, 30),
     Muscle("brow_down", "brow inner", (-20, -26, 9), 3.0, 24),  # corrugator, procerus
