@@ -17,7 +17,7 @@ from evalkit.render.head_views import View, draw_head, head_sheet_png
 from evalkit.render.offscreen import offscreen_plotter, require_offscreen
 
 VIEWS = [
-    View(yaw, pitch, jaw, closed, zoom=2.2)
+    View(yaw, pitch, jaw, closed, zoom=1.3)
     for (yaw, pitch), (jaw, closed) in product(
         [(0.0, 0.0), (28.0, 0.0), (-28.0, 12.0), (12.0, -15.0)], [(0.0, 0.0), (6.0, 0.5), (15.0, 1.0), (30.0, 0.8)]
     )
@@ -36,21 +36,19 @@ def drawing() -> None:
 def holes(head: Head, views: list[View] = VIEWS) -> int:
     """Pixels of background that the head encloses, over all views.
 
-    The plate is left out since it would cover holes; surfaces are drawn from their outer side only, so that a
+    The plate is left out since it would cover holes, the ears since the background between lobe and cheek is none; surfaces are drawn from their outer side only, so that a
     hole in front does not show the inside of the skin behind it.
     """
     count = 0
     for view in views:
         with offscreen_plotter(400, 400) as plotter:
             plotter.set_background("#ff00ff")
-            draw_head(plotter, head, view, without=("plate",), flat="#808080")
+            draw_head(plotter, head, view, without=("plate", "ears"), flat="#808080")
             image = np.asarray(plotter.screenshot(None, return_img=True)).astype(int)
         background = np.abs(image - [255, 0, 255]).sum(axis=2) < 120
-        pieces, number = label(background)
+        pieces, _ = label(background)
         outside = np.unique(np.concatenate([pieces[0], pieces[-1], pieces[:, 0], pieces[:, -1]]))
         count += int((background & ~np.isin(pieces, outside)).sum())
-        # The face fills the picture: what is cut off at the rim would count as outside.
-        assert number <= 1 or background.mean() < 0.7
     return count
 
 
