@@ -36,8 +36,8 @@ def drawing() -> None:
 def holes(head: Head, views: list[View] = VIEWS) -> int:
     """Pixels of background that the head encloses, over all views.
 
-    The plate is left out since it would cover holes, the ears since the background between lobe and cheek is none; surfaces are drawn from their outer side only, so that a
-    hole in front does not show the inside of the skin behind it.
+    The plate is left out since it would cover holes, the ears since what is seen between lobe and cheek is none;
+    surfaces are drawn from their outer side only, so that a hole in front does not show the skin behind it.
     """
     count = 0
     for view in views:
