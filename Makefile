@@ -1,6 +1,7 @@
 # Two commands do all the set-up on a machine with Python >= 3.11 and make:
 #   make demo   environment, install, then the main job on the bundled capture
 #   make test   the same environment with the test tools, then lint, types and tests
+#   make bench  frames per second of an animated head
 # and make regress compares the accuracy of every method with the baselines.
 PYTHON ?= python3
 VENV ?= .venv
@@ -8,7 +9,7 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 DEMO ?= demo
 
-.PHONY: demo test test-slow regress lint types check lab clean
+.PHONY: demo bench test test-slow regress lint types check lab clean
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -33,6 +34,9 @@ test: $(VENV)/installed-test lint types
 
 test-slow: $(VENV)/installed-test
 	$(BIN)/python -m pytest -m slow
+
+bench: $(VENV)/installed
+	$(BIN)/evalkit bench
 
 regress: $(VENV)/installed
 	$(BIN)/evalkit regress

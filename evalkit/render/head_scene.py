@@ -97,23 +97,24 @@ class HeadScene:
         self.width, self.height = size
         self.vertices = len(head.vertices)
         with ExitStack() as stack:
-            self._plotter = stack.enter_context(offscreen_plotter(*size, lighting="none", border=False))
-            self._plotter.set_background(background)
-            self._window: Any = self._plotter.render_window
-            self._window.SetMultiSamples(multisamples)
-            # Pictures are read from the buffer that is drawn into: there is no screen to copy them to.
-            self._window.SetSwapBuffers(0)
-            self._light()
+            self._plotter: Any = stack.enter_context(offscreen_plotter(*size, lighting="none", border=False))
+            self._prepare(background, multisamples)
             self._build(head, textured, wireframe, shading, without)
             self._build_markers(markers)
             self._aim(head, YAW_DEG[view])
             self.show(head.vertices)
             self._closing = stack.pop_all()
 
-    def _light(self) -> None:
-        """One light beside the camera: by software every further one costs a sixth of a frame."""
+    def _prepare(self, background: str, multisamples: int) -> None:
+        """The window and its light."""
         import pyvista
 
+        self._plotter.set_background(background)
+        self._window: Any = self._plotter.render_window
+        self._window.SetMultiSamples(multisamples)
+        # Pictures are read from the buffer that is drawn into: there is no screen to copy them to.
+        self._window.SetSwapBuffers(0)
+        # One light beside the camera: by software every further one costs a sixth of a frame.
         self._plotter.add_light(pyvista.Light(position=(0.25, 0.4, 1.0), light_type="camera light"))
         # The pass that puts transparent layers into order blends in buffers of its own, which costs as much as the
         # head. Here the plate comes before the teeth, and no more order is needed.
@@ -162,6 +163,9 @@ class HeadScene:
         look["interpolation"] = "flat" if self._normals is None else "phong"
         if part == "eyeballs":
             look |= {"specular": 0.3, "specular_power": 40.0, "ambient": 0.45}
+        if part == "skin":
+            # Its inside is never seen, and takes as many pixels as its outside.
+            look["culling"] = "back"
         if wireframe:
             look = {"style": "wireframe", "line_width": 1, "lighting": False}
         colour = WIRE if wireframe else PLAIN.get(part, SKIN)
@@ -186,7 +190,7 @@ class HeadScene:
         self._plotter.add_actor(actor, reset_camera=False, render=False)
 
     def _build_markers(self, markers: ArrayLike | None) -> None:
-        self._markers = None
+        self._markers: Any = None
         if markers is None:
             return
         import pyvista
@@ -264,8 +268,9 @@ class HeadScene:
         self._drawn = False
 
     def render(self) -> None:
-        """Draw the scene."""
+        """Draw the scene, and wait until it is drawn: else the time would be spent in :meth:`read`."""
         self._window.Render()
+        self._window.WaitForCompletion()
         self._drawn = True
 
     def read(self) -> NDArray[np.uint8]:
