@@ -16,7 +16,7 @@ LEVELS = [
     {"capture", "synthetic"},
     {"pose", "pivot", "peers"},
     {"compensation", "published", "leak", "deform", "transfer", "control", "vision", "head"},
-    {"metrics", "results", "dense"},
+    {"metrics", "results", "dense", "animation"},
     {"study", "render"},
     {"figures", "studies"},
     {"cli", "editor", "report", "__main__"},
@@ -36,6 +36,7 @@ JUDGED = {
     "control",
     "vision",
     "head",
+    "animation",
     "geometry",
 }
 JUDGES = {"synthetic", "dense", "metrics"}

@@ -7,6 +7,7 @@ import sys
 import click
 
 from evalkit import __version__
+from evalkit.cli.animate import animate
 from evalkit.cli.bench import bench
 from evalkit.cli.compensate import compensate
 from evalkit.cli.demo import demo
@@ -27,7 +28,7 @@ def app() -> None:
     """Facial motion capture from raw markers to expression-only motion, measured at every step."""
 
 
-for command in (demo, compensate, bench, synth, study, regress, head, methods):
+for command in (demo, compensate, animate, bench, synth, study, regress, head, methods):
     app.add_command(command)
 
 
