@@ -147,7 +147,7 @@ def test_lips_in_each_other_are_measured_by_their_depth():
     assert metrics.lip_penetration_mm(moved, moved, **lips).max() == 0.0
     np.testing.assert_allclose(metrics.lip_penetration_mm(moved, rest, **lips)[:, 0], [0, 0, 0.75, 0], atol=ROUNDING)
     # What overlaps in the reference does not count: from 0.25 deep to 0.75 deep is 0.5.
-    overlapping = rest + [[0.0] * 3, [0.0] * 3, [0.0, 0.5, 0.0]]
-    np.testing.assert_allclose(
-        metrics.lip_penetration_mm(moved, overlapping, **lips)[:, 0], [0, 0, 0.5, 0], atol=ROUNDING
-    )
+    overlapping = rest.copy()
+    overlapping[2, 1] += 0.5
+    depth = metrics.lip_penetration_mm(moved, overlapping, **lips)[:, 0]
+    np.testing.assert_allclose(depth, [0, 0, 0.5, 0], atol=ROUNDING)

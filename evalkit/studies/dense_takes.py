@@ -160,14 +160,14 @@ def build_map(data: DenseTake, kernel: str, **options: Any) -> tuple[Array, floa
 
 
 DENSE_COLUMNS = {
-    "all_mm": "rms distance from truth of the vertices that move in truth, over all frames, mm",
+    "all_mm": "rms distance from truth of the vertices of the outer skin that move in truth, over all frames, mm",
     "face_mm": "the same of those of the face region",
-    "upper_mm": "the same of the outer skin of the upper lip",
-    "lower_mm": "the same of the outer skin of the lower lip",
+    "upper_mm": "the same of those of the upper lip",
+    "lower_mm": "the same of those of the lower lip",
     "lips_mm": "the same of both",
     "inside_mm": "the same of the lining of the mouth; empty for a head without one",
     "rim_mm": "rms distance of vertices of hindbrain and neck that do not move in truth, mm",
-    "worst_mm": "largest error of a moving vertex in any frame, mm",
+    "worst_mm": "largest error of a moving vertex of the outer skin in any frame, mm",
     "crossed_percent": f"frames with lips more than {CROSSED_MM:g} mm deeper in each other than in truth, %",
     "penetration_mm": "deepest the lips go through each other, mm; empty if they do not touch at rest",
     "inverted": f"triangles of the skin turned over against truth, mean over every {FLIP_STEP}th frame",
@@ -195,8 +195,8 @@ def groups(data: DenseTake) -> dict[str, Any]:
     lips = {name: np.intersect1d(head.regions[f"{name} lip"], skin) for name in ("upper", "lower")}
     rim = np.concatenate([head.regions["hindbrain"], head.regions["neck"]])
     found = {
-        "all_mm": np.flatnonzero(moving),
-        "face_mm": head.regions["face"],
+        "all_mm": skin,
+        "face_mm": np.intersect1d(head.regions["face"], skin),
         "upper_mm": lips["upper"],
         "lower_mm": lips["lower"],
         "lips_mm": np.concatenate(list(lips.values())),

@@ -50,11 +50,11 @@ class Found:
     saddle: float
 
 
-def prepare(seed: int, head: str, unit: str) -> InUnit:
+def prepare(seed: int, head: str, model_unit: str) -> InUnit:
     """A performance seen by the 23 markers; the head as it would be read from a file in this unit."""
     take = dense_take(head, seed)
     mm = take.face.head
-    per = PER_MM[unit]
+    per = PER_MM[model_unit]
     sites = {name: per * place for name, place in mm.marker_sites.items()}
     scaled = replace(mm, vertices=per * mm.vertices, marker_sites=sites)
     return InUnit(take, scaled, deformation_report(mm, take.markers).weights)
@@ -94,7 +94,7 @@ study = Study(
     name="units",
     question=QUESTION,
     finding=FINDING,
-    axes={"head": ("template",), "unit": tuple(PER_MM)},
+    axes={"head": ("template",), "model_unit": tuple(PER_MM)},
     methods=(DEFAULT, LITERAL),
     prepare=prepare,
     run=run,
