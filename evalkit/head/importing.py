@@ -224,7 +224,7 @@ def regions_by_place(vertices: Array, landmarks: dict[str, Array]) -> dict[str, 
     return {name: np.flatnonzero(kind == k) for k, name in enumerate(REGIONS)}
 
 
-def _named_by_place(
+def head_by_landmarks(
     head_name: str, vertices: Array, triangles: Indices, landmarks: dict[str, Array], **other: Any
 ) -> Head:
     """A head whose regions and marker sites follow from its landmarks."""
@@ -242,7 +242,7 @@ def _named_by_place(
 def _canonical_face(path: Path, vertices: Array, triangles: Indices) -> Head:
     vertices = vertices * 10.0  # the file is in centimetres
     landmarks = {name: vertices[k] for name, k in MEDIAPIPE_LANDMARKS.items()}
-    return _named_by_place(path.stem, vertices, triangles, landmarks, source="MediaPipe canonical face, Apache-2.0")
+    return head_by_landmarks(path.stem, vertices, triangles, landmarks, source="MediaPipe canonical face, Apache-2.0")
 
 
 def _ict_subset(path: Path) -> Head:
@@ -331,7 +331,7 @@ def _ict(
         moves = np.asarray(shape[:count], dtype=np.float64) * 10.0 - vertices
         which = np.flatnonzero(np.abs(moves).max(axis=1) > 1e-4)
         shapes[name] = (which, moves[which])
-    return _named_by_place(
+    return head_by_landmarks(
         "ICT-FaceKit", vertices, np.concatenate(pieces), landmarks, parts=parts, blendshapes=shapes,
         source="ICT-FaceKit, MIT licence, USC Institute for Creative Technologies",
     )  # fmt: skip
