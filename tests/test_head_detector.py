@@ -1,9 +1,14 @@
 """What a face detector makes of the built-in head, beside a relief-free ellipsoid with the same texture.
 
-Everything below was fixed before the detector was run on this head for the first time: the views (none of
-them is among those that the head was judged by while it was made), the detector's landmark for each of ours,
-the definition of the error, and the limits. That a detector finds a face says little: it finds one on the
-ellipsoid, too. Only the places of nose tip and chin depend on the relief.
+Views, the detector's landmark for each of ours, the definition of the error and the limits were fixed before the
+detector was run on this head for the first time. That run failed on one point of its own making: nose tip was
+compared with number 1 of the detector's mesh (8.7 % in the mean, 10.3 % at most; chin 1.7 % and 2.6 %), but number 1
+lies below the tip: the most forward vertex of the detector's canonical face is number 4, which is what a nose tip
+is here. With that assignment, and with views that had not been looked at before, the test was run again; nothing
+else was changed. None of the views is among those that the head was judged by while it was made.
+
+That a detector finds a face says little: it finds one on the ellipsoid, too. Only the places of nose tip and chin
+depend on the relief.
 """
 
 from __future__ import annotations
@@ -19,13 +24,13 @@ from evalkit.render.head_views import BACKGROUND, View, draw_head
 from evalkit.render.offscreen import offscreen_plotter, require_offscreen
 
 VIEWS = [View(yaw_deg=yaw, pitch_deg=pitch) for yaw, pitch in (
-    (-22.0, 4.0), (-17.0, -9.0), (-9.0, 11.0), (-4.0, -5.0), (6.0, 7.0), (11.0, -12.0), (18.0, 3.0), (23.0, -6.0),
+    (-24.0, -3.0), (-19.0, 8.0), (-12.0, -11.0), (-6.0, 5.0), (3.0, -8.0), (9.0, 12.0), (16.0, -5.0), (21.0, 6.0),
 )]  # fmt: skip
 
 PIXELS = 512
 
 DETECTED = {
-    "nose tip": 1, "chin": 152, "subnasale": 2, "upper lip": 0, "lower lip": 17,
+    "nose tip": 4, "chin": 152, "subnasale": 2, "upper lip": 0, "lower lip": 17,
     "eye outer left": 263, "eye outer right": 33, "eye inner left": 362, "eye inner right": 133,
     "mouth corner left": 291, "mouth corner right": 61,
 }  # fmt: skip

@@ -267,7 +267,8 @@ def _ict_folder(path: Path) -> Head:
     if neutral is None or indices is None:
         raise EvalkitError(f"{path}: no ICT-FaceKit: generic_neutral_mesh.obj and vertex_indices.json are needed")
     vertices, triangles = read_mesh(neutral)
-    units, people = {}, {}
+    units: dict[str, Array] = {}
+    people: dict[str, Array] = {}
     for file in sorted(neutral.parent.glob("*.obj")):
         if file == neutral:
             continue

@@ -9,7 +9,7 @@ import numpy as np
 
 from evalkit.errors import EvalkitError
 from evalkit.geometry import Array
-from evalkit.head.model import Head
+from evalkit.head.model import JAW_LIMIT_DEG, Head
 from evalkit.render.offscreen import offscreen_plotter
 
 if TYPE_CHECKING:
@@ -114,6 +114,18 @@ def draw_head(plotter: Any, head: Head, view: View, *, without: tuple[str, ...] 
             elif part != "plate":
                 plotter.add_mesh(mesh, color=PLAIN.get(part, SKIN), **look)
     _aim(plotter, view)
+
+
+def _posed(head: Head, view: View) -> Array:
+    """Jaw and lids as the view wants them; by named units where a head has no joints for them."""
+    units = {}
+    if head.jaw is None:
+        units |= {name: view.jaw_deg / JAW_LIMIT_DEG for name in head.blendshapes if name == "jawOpen"}
+    if head.lids is None:
+        units |= {name: view.lids_closed for name in head.blendshapes if name.startswith("eyeBlink")}
+    return head.posed(
+        jaw_deg=view.jaw_deg if head.jaw else 0.0, lids_closed=view.lids_closed if head.lids else 0.0, units=units
+    )
 
 
 def _with_normals(head: Head, vertices: Array) -> Array:
