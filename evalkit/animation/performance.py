@@ -239,8 +239,8 @@ def animate(
         head, alignment, head_motion, rotations, translations, (take.rate, at), gaps, seed, notes
     )
     nearest = np.rint(at).astype(np.intp)
-    unknown_pose = ~np.isfinite(rotations).all(axis=(1, 2))
-    held = (filled.long.any(axis=1) | unknown_pose)[nearest]
+    unknown_pose = np.asarray(~np.isfinite(rotations).all(axis=(1, 2)))
+    held = np.asarray(filled.long.any(axis=1) | unknown_pose)[nearest]
     _gap_notes(filled, list(by_name), gaps, notes)
     if beyond.any():
         notes.append(

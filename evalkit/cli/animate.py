@@ -87,6 +87,7 @@ def animate(
         raise click.UsageError("say what to write: -o face.mp4, -o face.glb or --snapshots DIR")
     _check_outputs(output, snapshots, size, capture)
     from evalkit import animation
+    from evalkit.animation.checks import check
     from evalkit.animation.labels import BY_POSITION, read_label_map
     from evalkit.capture import read_capture
     from evalkit.cli.compensate import working
@@ -106,6 +107,8 @@ def animate(
             )  # fmt: skip
     except EvalkitError as error:
         raise EvalkitError(f"{capture}: {error}") from error
+    with working("checking the motion"):
+        made.report["checks"] = check(made)
     written = []
     if output is not None:
         made.report["output"] = _write(made, output, size, side_by_side, markers, wireframe)
@@ -209,6 +212,13 @@ def describe(report: dict[str, Any], written: list[str]) -> str:
     )
     shown = "" if report["resampling"] == "none" else f", {report['resampling']} of {report['take_rate_hz']:g} Hz"
     lines.append(f"{report['frames']} frames at {report['rate_hz']:g} per second{shown}")
+    checks = report["checks"]
+    follows = checks["mouth_correlation"]
+    lines.append(
+        ("" if follows is None else f"mouth follows the chin with correlation {follows:.3f}; ")
+        + f"largest step {checks['largest_step_mm']:.1f} mm; {checks['crossing_frames']} frames with lips through each "
+        f"other, {checks['flipped_frames']} with turned triangles"
+    )
     out = report.get("output", {})
     if "targets" in out:
         lines.append(

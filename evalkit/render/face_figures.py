@@ -81,7 +81,7 @@ def markers_in_space(animation: Animation) -> Image:
         middle = (everything.min(axis=0) + everything.max(axis=0)) / 2
         half = float((everything.max(axis=0) - everything.min(axis=0)).max()) * 0.62
         side = rotation_from_vector(np.deg2rad([-8.0, 0.0, 0.0])) @ rotation_from_vector(np.deg2rad([0.0, 48.0, 0.0]))
-        plotter.enable_parallel_projection()
+        plotter.camera.parallel_projection = True
         plotter.camera.position = middle + 8.0 * half * side[:, 2]
         plotter.camera.focal_point = middle
         plotter.camera.up = (0.0, 1.0, 0.0)
@@ -140,8 +140,8 @@ def snapshots(animation: Animation) -> Image:
         with HeadScene(animation.head, (SIZE, SIZE), multisamples=8, wireframe=wireframe) as scene:
             for k in which:
                 scene.pose(*_turned(animation.head, *VIEWS_DEG[k]))
-                pictures.append(_lettered(scene.frame(vertices[k]), f"({'abcdefg'[k]})"))
-    blank = np.full_like(pictures[0], 255)
+                pictures.append(_lettered(_upright(scene.frame(vertices[k])), f"({'abcdefg'[k]})"))
+    blank = np.broadcast_to(pictures[0][-1, -1], pictures[0].shape)
     return np.concatenate([np.concatenate(pictures[:4], axis=1), np.concatenate([*pictures[4:], blank], axis=1)])
 
 
@@ -175,7 +175,7 @@ def contact_sheet(animation: Animation, columns: int = 4) -> Image:
         for k, frame in enumerate(frames):
             scene.pose(animation.rotations[frame], animation.translations[frame])
             seconds = frame / animation.rate_hz
-            pictures.append(_lettered(scene.frame(vertices[k]), f"{seconds:.2f} s", small=True))
+            pictures.append(_lettered(_upright(scene.frame(vertices[k])), f"{seconds:.2f} s", small=True))
     while len(pictures) % columns:
         pictures.append(np.full_like(pictures[0], 255))
     rows = [np.concatenate(pictures[k : k + columns], axis=1) for k in range(0, len(pictures), columns)]
@@ -296,6 +296,12 @@ def _background(plotter: Any, colour: str) -> None:
 def _taken(plotter: Any) -> Image:
     plotter.render_window.SetMultiSamples(8)
     return np.asarray(plotter.screenshot(None, return_img=True))
+
+
+def _upright(picture: Image) -> Image:
+    """Without the left and right eighth, where a head never is."""
+    edge = picture.shape[1] // 8
+    return picture[:, edge:-edge]
 
 
 def _lettered(picture: Image, text: str, small: bool = False) -> Image:
