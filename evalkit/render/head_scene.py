@@ -39,9 +39,8 @@ AWAY_MM = 1e6
 class HeadScene:
     """An offscreen scene with one head, built once and drawn for many frames.
 
-    All parts of the head share one array of vertices and one of normals. :meth:`show` writes a frame's positions
-    into it in place; nothing else is made anew from frame to frame. The camera stays where the head at rest puts
-    it. Use it as a context manager, or :meth:`close` it.
+    :meth:`show` writes a frame's positions and normals in place; nothing else is made anew from frame to frame. The
+    camera stays where the head at rest puts it. Use it as a context manager, or :meth:`close` it.
 
     Parameters
     ----------
@@ -121,42 +120,24 @@ class HeadScene:
         self._plotter.renderer.SetUseOIT(False)
 
     def _build(self, head: Head, textured: bool, wireframe: bool, shading: str, without: tuple[str, ...]) -> None:
-        from vtkmodules.util.numpy_support import vtk_to_numpy
-        from vtkmodules.vtkCommonCore import vtkFloatArray, vtkPoints
         from vtkmodules.vtkCommonMath import vtkMatrix4x4
 
-        def column(components: int) -> tuple[Any, NDArray[np.float32]]:
-            array = vtkFloatArray()
-            array.SetNumberOfComponents(components)
-            array.SetNumberOfTuples(self.vertices)
-            return array, vtk_to_numpy(array)
-
-        self._position_array, self._positions = column(3)
-        self._points = vtkPoints()
-        self._points.SetData(self._position_array)
-        self._positions[:] = head.vertices
+        self._positions = np.empty((self.vertices, 3), dtype=np.float32)
         self._normals = None
         if shading == "smooth" and not wireframe:
-            self._normal_array, into = column(3)
-            self._normals = VertexNormals(head.triangles, self.vertices, into)
-            self._normals(self._positions)
+            self._normals = VertexNormals(head.triangles, self.vertices)
+        pictures: dict[bool, Any] = {}
         uv = None
         if textured and head.uv is not None and head.texture is not None and not wireframe:
-            uv, into = column(2)
-            uv.SetName("uv")
-            into[:] = head.uv
+            pictures, uv = _pictures(head.texture), head.uv
         self._matrix = vtkMatrix4x4()
-        pictures = _pictures(head.texture) if uv is not None and head.texture is not None else {}
+        self._parts = []
         for part in sorted(head.parts, key=lambda name: (name in SEE_THROUGH, name)):
             # Hair and outline are all in the plate's picture: without one it is a board.
             if part in without or (part == "plate" and not pictures):
                 continue
-            data = _polydata(self._points, head.part_triangles(part))
-            if self._normals is not None:
-                data.GetPointData().SetNormals(self._normal_array)
-            if uv is not None:
-                data.GetPointData().SetTCoords(uv)
-            self._add(data, part, pictures.get(part in SEE_THROUGH), wireframe)
+            self._parts.append(PartMesh(head.part_triangles(part), uv, normals=self._normals is not None))
+            self._add(self._parts[-1].data, part, pictures.get(part in SEE_THROUGH), wireframe)
 
     def _add(self, data: Any, part: str, picture: Any, wireframe: bool) -> None:
         look: dict[str, Any] = {"ambient": 0.3, "diffuse": 0.75}
@@ -238,11 +219,9 @@ class HeadScene:
         if places.shape != self._positions.shape:
             raise EvalkitError(f"vertices have shape {places.shape}; this scene's head has ({self.vertices}, 3)")
         np.copyto(self._positions, places, casting="same_kind")
-        self._position_array.Modified()
-        self._points.Modified()
-        if self._normals is not None:
-            self._normals(self._positions)
-            self._normal_array.Modified()
+        normals = None if self._normals is None else self._normals(self._positions)
+        for part in self._parts:
+            part.show(self._positions, normals)
         if markers is not None:
             self._place_markers(np.asarray(markers, dtype=np.float64))
         self._drawn = False
@@ -316,6 +295,69 @@ class HeadScene:
         self.close()
 
 
+class PartMesh:
+    """One part of a head with arrays of its own, which are filled anew in place.
+
+    Every mapper uploads all of its mesh's arrays: parts that shared those of the head would upload them all, once
+    each.
+
+    Parameters
+    ----------
+    triangles : ndarray of int, shape (T, 3)
+        Of the head's vertices.
+    uv : ndarray, shape (V, 2), optional
+        Texture coordinates of the head.
+    normals : bool
+        Whether it has normals.
+
+    Attributes
+    ----------
+    data : pyvista.PolyData
+    """
+
+    def __init__(self, triangles: Indices, uv: Array | None, *, normals: bool) -> None:
+        import pyvista
+        from vtkmodules.vtkCommonCore import vtkPoints
+
+        self._used, local = np.unique(triangles, return_inverse=True)
+        local = local.reshape(-1, 3)
+        self._columns = [_column(len(self._used), 3) for _ in range(2 if normals else 1)]
+        points = vtkPoints()
+        points.SetData(self._columns[0][0])
+        self.data = pyvista.PolyData()
+        self.data.SetPoints(points)
+        self.data.faces = np.hstack([np.full((len(local), 1), 3), local]).ravel()
+        if normals:
+            self.data.GetPointData().SetNormals(self._columns[1][0])
+        if uv is not None:
+            array, values = _column(len(self._used), 2)
+            array.SetName("uv")
+            values[:] = uv[self._used]
+            self.data.GetPointData().SetTCoords(array)
+
+    def show(self, positions: NDArray[np.float32], normals: NDArray[np.float32] | None) -> None:
+        """Take over this part's share of all positions and normals, both (V, 3); what stayed the same stays there."""
+        for (array, values), new in zip(self._columns, (positions, normals), strict=False):
+            if new is None:
+                continue
+            share = new[self._used]
+            if not np.array_equal(values, share):
+                values[:] = share
+                array.Modified()
+
+
+def _column(rows: int, components: int) -> tuple[Any, NDArray[np.float32]]:
+    """An array of VTK's, zeros, and NumPy's view of it."""
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+    from vtkmodules.vtkCommonCore import vtkFloatArray
+
+    array = vtkFloatArray()
+    array.SetNumberOfComponents(components)
+    array.SetNumberOfTuples(rows)
+    array.Fill(0.0)
+    return array, vtk_to_numpy(array)
+
+
 class VertexNormals:
     """Unit normals of the vertices of a mesh, the mean over the triangles around weighted by their areas.
 
@@ -323,11 +365,9 @@ class VertexNormals:
     ----------
     triangles : ndarray of int, shape (T, 3)
     vertices : int
-    out : ndarray of float32, shape (V, 3)
-        Where they are written.
     """
 
-    def __init__(self, triangles: Indices, vertices: int, out: NDArray[np.float32]) -> None:
+    def __init__(self, triangles: Indices, vertices: int) -> None:
         from scipy.sparse import csr_array
 
         count = len(triangles)
@@ -336,10 +376,9 @@ class VertexNormals:
         ones = np.ones(3 * count, dtype=np.float32)
         pairs = (triangles.T.ravel(), np.tile(np.arange(count), 3))
         self._around = csr_array((ones, pairs), shape=(vertices, count), dtype=np.float32)
-        self._out = out
 
-    def __call__(self, positions: NDArray[np.float32]) -> None:
-        """Normals at these positions (V, 3)."""
+    def __call__(self, positions: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Normals (V, 3) at these positions (V, 3)."""
         a, b, c = (positions[corner] for corner in self._corners)
         b -= a
         c -= a
@@ -349,7 +388,7 @@ class VertexNormals:
         sums = self._around @ normals
         length = np.sqrt(np.einsum("vi,vi->v", sums, sums))
         # A vertex of no triangle, or of triangles without area, has no normal.
-        np.divide(sums, np.maximum(length, np.float32(1e-20))[:, None], out=self._out)
+        return sums / np.maximum(length, np.float32(1e-20))[:, None]
 
 
 def _pictures(texture: NDArray[np.uint8]) -> dict[bool, Any]:
@@ -363,13 +402,3 @@ def _pictures(texture: NDArray[np.uint8]) -> dict[bool, Any]:
         picture.interpolate = True
         found[see_through] = picture
     return found
-
-
-def _polydata(points: Any, triangles: Indices) -> Any:
-    """A mesh of these triangles over points that it shares with others."""
-    import pyvista
-
-    mesh = pyvista.PolyData()
-    mesh.SetPoints(points)
-    mesh.faces = np.hstack([np.full((len(triangles), 1), 3), triangles]).ravel()
-    return mesh
