@@ -34,7 +34,7 @@ def exported(tmp_path: Path, ending: str, unit_mm: float = 1.0) -> tuple[Head, P
     if ending == ".gltf":
         plotter = pyvista.Plotter(off_screen=True)
         plotter.add_mesh(mesh)
-        plotter.export_gltf(path)
+        plotter.export_gltf(path, rotate_scene=False)
         plotter.close()
     else:
         mesh.save(path)

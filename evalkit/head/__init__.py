@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from evalkit.errors import EvalkitError
-from evalkit.head.model import REGIONS, Head, Jaw, Lids, read_head
+from evalkit.head.model import REGIONS, Head, Jaw, Lids, read_head, turned_too_far
 
-__all__ = ["REGIONS", "Head", "Jaw", "Lids", "load_head"]
+__all__ = ["REGIONS", "Head", "Jaw", "Lids", "load_head", "turned_too_far"]
 
 
 def load_head(source: str | Path = "template", *, vertices: int | None = None) -> Head:

@@ -98,21 +98,21 @@ def read_mesh(path: Path) -> tuple[Array, Indices]:
 
     try:
         data = pyvista.read(path)
-        if isinstance(data, pyvista.MultiBlock):
-            data = data.combine()
-        mesh = data.extract_surface(algorithm="dataset_surface") if not isinstance(data, pyvista.PolyData) else data
-        mesh = mesh.triangulate()
+        blocks = list(data.recursive_iterator(skip_none=True)) if isinstance(data, pyvista.MultiBlock) else [data]
+        surfaces = [block.triangulate() for block in blocks if isinstance(block, pyvista.PolyData) and block.n_cells]
     except Exception as error:
         # The readers behind raise whatever they like on a damaged file.
-        raise EvalkitError(
-            f"{path}: cannot be read as a mesh ({str(error).splitlines()[0] if str(error) else type(error).__name__})"
-        ) from error
-    triangles = (
-        np.asarray(mesh.faces).reshape(-1, 4)[:, 1:].astype(np.intp) if mesh.n_cells else np.zeros((0, 3), np.intp)
-    )
-    if not len(triangles):
+        reason = (str(error).splitlines() or [type(error).__name__])[0]
+        raise EvalkitError(f"{path}: cannot be read as a mesh ({reason})") from error
+    # Joined by hand: the library's own ways to do it renumber the vertices, which the names refer to.
+    vertices, triangles, count = [], [], 0
+    for surface in surfaces:
+        vertices.append(np.asarray(surface.points, dtype=np.float64))
+        triangles.append(np.asarray(surface.faces).reshape(-1, 4)[:, 1:].astype(np.intp) + count)
+        count += surface.n_points
+    if not count:
         raise EvalkitError(f"{path}: holds no triangles")
-    return np.asarray(mesh.points, dtype=np.float64), triangles
+    return np.concatenate(vertices), np.concatenate(triangles)
 
 
 def read_names(path: Path) -> dict[str, Any]:

@@ -57,7 +57,7 @@ def add_lid_rings(build: Assembly, grid: Grid, eye: int) -> None:
 
 POCKET = (
     # height above and below the line between the lips, half width, z in the middle, z at the sides
-    (0.05, 0.05, 25.0, -2.5, -1.0),
+    (0.0, 0.0, 25.0, -2.5, -1.0),
     (11.0, 12.5, 24.5, 104.8, 95.5),
     (16.0, 17.0, 30.0, 98.0, 82.0),
     (16.0, 17.0, 33.0, 76.0, 66.0),
@@ -79,6 +79,8 @@ def add_pocket(build: Assembly, grid: Grid, scale: float) -> None:
     outer = np.concatenate([upper, lower])
     place, uv, weight = (build.column(name)[outer] for name in ("place", "uv", "jaw"))
     is_upper = np.arange(len(outer)) < len(upper)
+    # The vertex of the other lip in the same column; a corner is its own.
+    partner = -np.arange(len(outer)) % len(outer)
     corner = np.zeros(len(outer), dtype=bool)
     corner[[0, len(upper)]] = True
     sideways = np.clip(place[:, 0] / np.abs(place[:, 0]).max(), -1.0, 1.0)
@@ -90,9 +92,10 @@ def add_pocket(build: Assembly, grid: Grid, scale: float) -> None:
     for k, (above, below, half, z_middle, z_side) in enumerate(POCKET):
         height = np.where(is_upper, above, below) * sign * np.cos(along)
         if k == 0:
-            rings.append(
-                place + np.stack([-0.02 * place[:, 0], height, z_side + (z_middle - z_side) * np.cos(along)], 1)
-            )
+            # Both lips roll inward to one line between them: closed lips let nothing of the teeth be seen.
+            level_here = 0.5 * (place[:, 1] + place[partner, 1])
+            depth = z_side + (z_middle - z_side) * np.cos(along)
+            rings.append(np.stack([0.98 * place[:, 0], level_here + height, place[:, 2] + depth], axis=1))
             continue
         z = z_side + (z_middle - z_side) * np.cos(along)
         rings.append(np.stack([half * sideways, level + height, z], axis=1))
@@ -224,6 +227,8 @@ def add_ears(build: Assembly, scale: float) -> None:
     # The folds are rolled above and behind, flat at the lobe and where the ear grows out of the cheek.
     roll = np.clip(0.5 + 0.45 * height + 0.5 * depth, 0.0, 1.0)
     relief = off[:, None] * np.where(off[:, None] > 0, 0.15 + 0.85 * roll, 1.0)
+    # In front the ear grows out of the cheek: its rim sinks in there.
+    relief -= 5.0 * share[:, None] ** 3 * np.clip(-depth - 0.35, 0.0, None)
     flat = share[:, None, None] * outline - np.stack([below, forward], axis=1)[:, None]
     place = EAR_MIDDLE + flat[..., :1] * up + flat[..., 1:] * back + relief[..., None] * out
     shade = texture.ear_uv(np.arange(len(share)) / (len(share) - 1))

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from evalkit.errors import EvalkitError
 from evalkit.geometry import Array
@@ -28,6 +28,9 @@ SOFT = ("skin", "lids", "mouth pocket")
 
 JAW_LIMIT_DEG = 30.0
 """The jaw opens so far."""
+
+VIEW_LIMIT_DEG = 30.0
+"""A mask with a plate behind it looks right up to this angle between its forward axis and the camera."""
 
 FORMAT = 1
 
@@ -246,6 +249,27 @@ class Head:
         except OSError as error:
             temporary.unlink(missing_ok=True)
             raise EvalkitError(f"{path}: cannot write the head ({error.strerror or error})") from error
+
+
+def turned_too_far(rotations: ArrayLike, to_camera: ArrayLike = (0.0, 0.0, 1.0)) -> NDArray[np.bool_]:
+    """Frames in which a head is seen too far from the side for a mask with a plate behind it.
+
+    Parameters
+    ----------
+    rotations : array_like, shape (..., 3, 3)
+        Head rotations; NaN counts as not turned.
+    to_camera : array_like, shape (3,)
+        From the head to the camera.
+
+    Returns
+    -------
+    ndarray of bool, shape (...)
+        True beyond :data:`VIEW_LIMIT_DEG`.
+    """
+    towards = np.asarray(to_camera, dtype=np.float64)
+    cosine = np.asarray(rotations, dtype=np.float64)[..., :, 2] @ (towards / np.linalg.norm(towards))
+    # At the limit itself rounding must not decide.
+    return np.asarray(cosine < np.cos(np.deg2rad(VIEW_LIMIT_DEG)) - 1e-9)
 
 
 def read_head(path: str | Path) -> Head:

@@ -56,7 +56,8 @@ class View(NamedTuple):
 
 SHEET = (
     View(), View(yaw_deg=28.0), View(yaw_deg=-15.0, pitch_deg=12.0), View(yaw_deg=88.0),
-    View(jaw_deg=15.0), View(yaw_deg=28.0, jaw_deg=30.0), View(lids_closed=1.0), View(yaw_deg=20.0, wireframe=True),
+    View(jaw_deg=15.0), View(yaw_deg=28.0, jaw_deg=30.0), View(lids_closed=1.0),
+    View(yaw_deg=20.0, wireframe=True, zoom=1.8),
 )  # fmt: skip
 """Front, three-quarter, from above, profile; mouth half and wide open, lids closed, wireframe."""
 
@@ -93,13 +94,15 @@ def draw_head(plotter: Any, head: Head, view: View, *, without: tuple[str, ...] 
     texture = head.texture if view.textured and flat is None else None
     skin = _with_normals(head, vertices)
     for part in sorted(head.parts, key=lambda name: (name in SEE_THROUGH, name)):
-        if part in without or (view.wireframe and part == "plate"):
+        if part in without or (view.wireframe and part not in ("skin", "lids", "eyeballs")):
             continue
         mesh = head_mesh(head, part, vertices)
         if flat is not None:
             plotter.add_mesh(mesh, color=flat, lighting=False, culling="back")
         elif view.wireframe:
-            plotter.add_mesh(mesh, color="#28323c", style="wireframe", line_width=1, lighting=False)
+            plotter.add_mesh(
+                mesh, color="#f2efe9", lighting=False, culling="back", show_edges=True, edge_color="#28323c"
+            )
         else:
             mesh.point_data.active_normals = skin[np.unique(head.part_triangles(part))]
             look: dict[str, Any] = {"smooth_shading": True, "ambient": 0.2, "diffuse": 0.85, "specular": 0.06}
@@ -118,7 +121,7 @@ def draw_head(plotter: Any, head: Head, view: View, *, without: tuple[str, ...] 
 
 def _posed(head: Head, view: View) -> Array:
     """Jaw and lids as the view wants them; by named units where a head has no joints for them."""
-    units = {}
+    units: dict[str, float] = {}
     if head.jaw is None:
         units |= {name: view.jaw_deg / JAW_LIMIT_DEG for name in head.blendshapes if name == "jawOpen"}
     if head.lids is None:
