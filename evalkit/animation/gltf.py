@@ -110,7 +110,7 @@ def morph_targets(animation: Animation, tolerance_mm: float) -> tuple[Array, Arr
         count = min(count + max(4, count // 8), len(basis))
         errors = _errors(animation, basis[:count], weights[:, :count])
     size = np.maximum(np.abs(weights[:, :count]).max(axis=0, initial=0.0), 1e-12)
-    return (basis[:count] * size[:, None]).reshape(count, -1, 3), weights[:, :count] / size, errors
+    return (basis[:count] * size[:, None]).reshape(count, len(head.vertices), 3), weights[:, :count] / size, errors
 
 
 def _telling_frames(animation: Animation) -> list[int]:

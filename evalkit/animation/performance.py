@@ -230,9 +230,10 @@ def animate(
     scales, ratios = _scales(head, alignment, list(columns), rest[:known], centres, notes)
     filled = fill_gaps(alignment.directions(still[:, used][:, chosen] - rest[chosen]) * scales, take.rate, gaps)
     rate, at = _shown(take, fps)
+    driven = _lids_by_markers(head, dict(zip(centres, filled.values.transpose(1, 0, 2), strict=True)))
     moved = _resampled(filled.values, at)
     by_name = {name: moved[:, k] for k, name in enumerate(centres)}
-    lids, lid_words = _lids(head, by_name, at / take.rate, seed)
+    lids, lid_words = _lids(head, driven, at, take.rate, seed)
     deformation = _map(head, centres, kernel, seam, notes)
     jaw_deg, glide = jaw_motion(head, by_name)
     turned, shifted, beyond = _head_motion(
@@ -400,25 +401,29 @@ def _resampled(values: Array, at: Array) -> Array:
     return values[low] + share * (values[np.minimum(low + 1, len(values) - 1)] - values[low])
 
 
-def _lids(head: Head, displacement: dict[str, Array], times_s: Array, seed: int) -> tuple[Array, dict[str, Any]]:
-    """How far the lids are closed (F, 2), and in words where that comes from.
+def _lids_by_markers(head: Head, displacement: dict[str, Array]) -> dict[str, Array]:
+    """Lid site -> how far it is closed (F,), for lid markers that blink.
 
     What a lid marker does to close the lid is taken out of its displacement, in place: the lid slides over the
     eyeball, and does not drag the skin around it along.
     """
     driven = driven_lids(head, displacement)
+    for name, amount in driven.items():
+        displacement[name] *= (1.0 - amount)[:, None]
+        np.maximum(displacement[name][:, 1], 0.0, out=displacement[name][:, 1])
+    return driven
+
+
+def _lids(head: Head, driven: dict[str, Array], at: Array, rate: float, seed: int) -> tuple[Array, dict[str, Any]]:
+    """How far the lids are closed in every frame shown (F, 2), and in words where that comes from."""
     if driven:
         # A lid whose marker is missing blinks with the other one: they do.
         one = next(iter(driven.values()))
-        for name, amount in driven.items():
-            displacement[name] *= (1.0 - amount)[:, None]
-            np.maximum(displacement[name][:, 1], 0.0, out=displacement[name][:, 1])
         closed = np.stack([driven.get(name, one) for name in LID_SITES], axis=1)
-        return closed, {"source": "markers", "markers": list(driven)}
-    starts = blink_times(float(times_s[-1]), seed) if head.lids is not None else np.zeros(0)
-    track = blink_track(times_s, starts)
-    words = {"source": "generated", "blinks": len(starts), "seed": seed}
-    return np.stack([track, track], axis=1), words
+        return _resampled(closed, at), {"source": "markers", "markers": list(driven)}
+    starts = blink_times(float(at[-1] / rate), seed) if head.lids is not None else np.zeros(0)
+    track = blink_track(at / rate, starts)
+    return np.stack([track, track], axis=1), {"source": "generated", "blinks": len(starts), "seed": seed}
 
 
 def _head_motion(
