@@ -8,7 +8,7 @@ nothing. Both loops take turns in short blocks, so that whatever else the machin
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from importlib.metadata import version
 from itertools import product
@@ -43,10 +43,15 @@ WARM_UP = 3
 """Frames that are not counted: shaders are compiled and buffers made in the first."""
 
 REPEATS = 15
-"""The fastest of so many runs stands for a rate of arithmetic, since whatever disturbs a run makes it slower."""
+"""Rounds over the rates of arithmetic. The fastest product stands for each, since whatever else the machine does only
+makes one slower; what the loop itself reaches is in the percentiles."""
 
-PEAK_SIZE = 1024
-"""Rows and columns of the matrices whose product shows what the machine can do; larger ones are no faster."""
+ONE_BY_ONE = 20
+"""Single frames deformed in each round."""
+
+PEAK_SIZES = (256, 512, 1024)
+"""Rows and columns of the square products whose best rate is the machine's. Larger ones are no faster; the small ones
+take a millisecond or less, which a busy machine leaves undisturbed now and then."""
 
 STILL_MM = 0.2
 """Step of the bare loop's head. VTK draws anew whenever it is asked; the step is there to show it in the pixels."""
@@ -276,33 +281,27 @@ def deformation_rates(animation: Animation, repeats: int = REPEATS) -> dict[str,
     """
     deformer = Deformer(animation.weights, animation.head.vertices, dtype=np.float32)
     displacements = animation.displacements
-    # Some batches at least, however short the take.
-    many = np.tile(displacements, (-(-512 // len(displacements)), 1, 1))
-    some = displacements[:64]
-    square = np.ones((PEAK_SIZE, PEAK_SIZE), dtype=np.float32)
-    result = np.empty_like(square)
-
-    def batched() -> None:
-        for _ in deformer.batches(many):
-            pass
-
-    def one_by_one() -> None:
-        for displacement in some:
-            deformer(displacement)
-
-    work: dict[str, Callable[[], object]] = {
-        "peak": lambda: np.matmul(square, square, out=result), "batched": batched, "one": one_by_one,
-    }  # fmt: skip
-    best = dict.fromkeys(work, np.inf)
+    squares = [np.ones((size, size), dtype=np.float32) for size in PEAK_SIZES]
+    peak, batched, one = [], [], []
     for _ in range(repeats):
-        for name, call in work.items():
+        for square in squares:
+            result = np.empty_like(square)
+            for _ in range(len(squares[-1]) // len(square)):
+                start = perf_counter()
+                np.matmul(square, square, out=result)
+                peak.append((perf_counter() - start) / len(square) ** 3)
+        start = perf_counter()
+        for _, positions in deformer.batches(displacements):
+            batched.append((perf_counter() - start) / len(positions))
             start = perf_counter()
-            call()
-            best[name] = min(best[name], perf_counter() - start)
+        for displacement in displacements[:ONE_BY_ONE]:
+            start = perf_counter()
+            deformer(displacement)
+            one.append(perf_counter() - start)
     flops = 2 * 3 * animation.weights.size
     return {
-        "deform_frames_per_second_one": len(some) / best["one"],
-        "deform_frames_per_second_batched": len(many) / best["batched"],
-        "gemm_gflops": 1e-9 * flops * len(many) / best["batched"],
-        "peak_gflops": 1e-9 * 2 * PEAK_SIZE**3 / best["peak"],
+        "deform_frames_per_second_one": 1 / min(one),
+        "deform_frames_per_second_batched": 1 / min(batched),
+        "gemm_gflops": 1e-9 * flops / min(batched),
+        "peak_gflops": 1e-9 * 2 / min(peak),
     }
