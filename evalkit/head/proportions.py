@@ -57,6 +57,9 @@ PRIMITIVES: tuple[Primitive, ...] = (
     Ellipsoid("fold under the lip", (0.0, -53.1, 121.9), (20.0, 4.1, 8.7), (-0.01, 0.00, 0.00), 7.2, carve=True),
     Ellipsoid("nasolabial", (22.0, -20.8, 96.2), (6.5, 14.8, 10.1), (-0.01, -0.26, 0.54), 8.1),
     Ellipsoid("cheek hollow", (61.8, -26.4, 104.3), (18.6, 21.1, 16.8), (0.10, 0.01, 0.04), 19.0, carve=True),
+    # By hand, after the fit, which left out the nostrils: a floor for them, and the openings.
+    Ellipsoid("floor of the nostril", (7.5, -4.5, 111.0), (5.0, 5.0, 6.0), (0.0, 0.0, 0.0), 5.0),
+    Ellipsoid("nostril", (7.2, -8.6, 112.5), (2.6, 2.4, 4.0), (0.0, 0.0, 0.0), 4.0, carve=True),
 )
 """The masses of the head and what is carved from them.
 

@@ -148,7 +148,7 @@ def _paint_skin(picture: Array, u: Array, v: Array) -> None:
     _mix(face, SKIN * [0.74, 0.66, 0.64], 0.45 * _blob(column, tall, 3.0, 0.655, 1.5, 0.022))
     _mix(face, SKIN * [0.80, 0.70, 0.70], 0.35 * _blob(column, tall, 3.0, 0.592, 1.6, 0.012))
     # Nostrils.
-    _mix(face, MOUTH * 0.8, 0.9 * _blob(column, rows["middle"], 1.02, 4.45, 0.38, 0.17) ** 1.0)
+    _mix(face, MOUTH * 0.8, 0.9 * _blob(column, rows["middle"], 1.02, 4.46, 0.40, 0.20))
     _mix(face, SKIN * [0.72, 0.6, 0.58], 0.35 * _blob(column, rows["middle"], 2.1, 4.2, 0.16, 0.9))
     # Brows: between the rows above and below, from the inner end to the temple, of short strokes.
     row = rows["upper"]
