@@ -13,6 +13,9 @@ from evalkit.geometry import Array
 CROSSING_MM = 0.2
 """Lips that are this far through each other show it; less is hidden by their rounding."""
 
+JUMP_MM_S = 600.0
+"""No skin moves so fast: a jaw that snaps shut makes 300 mm/s."""
+
 CHECKED_PARTS = ("skin", "mouth pocket")
 """Lids roll over the eyeball and turn round on purpose."""
 
@@ -32,7 +35,7 @@ def check(animation: Animation) -> dict[str, Any]:
         ``largest_step_frame``: of a vertex of the skin from one frame to the next, head motion left out, and the
         later frame. ``crossing_frames``: frames in which the lips are more than :data:`CROSSING_MM` through each
         other. ``flipped_triangles`` and ``flipped_frames``: of skin and mouth, the most in a frame that face the
-        other way than at rest, and frames with any.
+        other way than at rest, and frames with any. ``warnings``: of these, what a user should look at, in words.
     """
     head, lips = animation.head, find_lips(animation.head)
     triangles = head.part_triangles(*CHECKED_PARTS)
@@ -53,6 +56,16 @@ def check(animation: Animation) -> dict[str, Any]:
         if jump.max() > step:
             step, step_frame = float(jump.max()), start + int(jump.argmax())
         before = part[-1:, skin].copy()
+    words = []
+    if step * animation.rate_hz > JUMP_MM_S:
+        words.append(
+            f"the face jumps by {step:.0f} mm at frame {step_frame}: labels exchanged, or a marker comes back elsewhere"
+        )
+    if flipped.any():
+        words.append(
+            f"{int((flipped > 0).sum())} frames have triangles that are turned over, most in frame "
+            f"{int(flipped.argmax())}: markers nearer to each other than they can be"
+        )
     return {
         "mouth_correlation": mouth_correlation(animation, opening),
         "largest_step_mm": step,
@@ -60,6 +73,7 @@ def check(animation: Animation) -> dict[str, Any]:
         "crossing_frames": crossing,
         "flipped_triangles": int(flipped.max(initial=0)),
         "flipped_frames": int((flipped > 0).sum()),
+        "warnings": words,
     }
 
 

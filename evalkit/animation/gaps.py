@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import median_filter
 from scipy.spatial.transform import Rotation, Slerp
 
 from evalkit.geometry import Array, nearest_rotation
@@ -12,6 +13,11 @@ from evalkit.geometry import Array, nearest_rotation
 SHORT_GAP_S = 0.1
 """Gaps up to this are bridged in a straight line: at 10 mm per syllable of a quarter second, a few millimetres at
 most are invented. Also the time in which a held marker goes over to where it is seen again."""
+
+SPIKE_S = 0.12
+SPIKE_MM = 8.0
+"""A displacement that is further than this from its median over so long a time is no skin: a closing lid, the
+quickest thing on a face, differs by half of its 8 mm."""
 
 MODES = ("hold", "interpolate")
 
@@ -55,6 +61,18 @@ def fill_gaps(values: Array, rate_hz: float, mode: str = "hold") -> Filled:
         for axis in range(values.shape[2]):
             out[missing[:, k], k, axis] = np.interp(at[missing[:, k]], knots, values[source, k, axis])
     return Filled(out, short, missing & ~short)
+
+
+def spikes(values: Array, rate_hz: float) -> np.ndarray:
+    """Where (F, n) a displacement (F, n, 3), mm, without gaps, is a spike of a few frames: an outlier or a wrong label.
+
+    Takes so slow that `SPIKE_S` is less than two frames show a quick motion in one frame alone, and have none.
+    """
+    window = 2 * round(0.5 * SPIKE_S * rate_hz) + 1
+    if window < 3:
+        return np.zeros(values.shape[:2], dtype=bool)
+    median = median_filter(values, size=(window, 1, 1), mode="nearest")
+    return np.asarray(np.linalg.norm(values - median, axis=2) > SPIKE_MM)
 
 
 def fill_rotations(rotations: Array, rate_hz: float, mode: str = "hold") -> Array:

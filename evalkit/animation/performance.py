@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from evalkit.animation.alignment import Alignment, Placed, align, match_positions, place_others
-from evalkit.animation.gaps import MODES, Filled, fill_gaps, fill_rotations
+from evalkit.animation.gaps import MODES, Filled, fill_gaps, fill_rotations, spikes
 from evalkit.animation.head_motion import (
     LIMIT_DEG,
     beyond_limit,
@@ -228,7 +228,15 @@ def animate(
     centres |= {marker.label: marker.position for marker in placed if not marker.reason}
     chosen = [*range(known), *(known + k for k, marker in enumerate(placed) if not marker.reason)]
     scales, ratios = _scales(head, alignment, list(columns), rest[:known], centres, notes)
-    filled = fill_gaps(alignment.directions(still[:, used][:, chosen] - rest[chosen]) * scales, take.rate, gaps)
+    observed = alignment.directions(still[:, used][:, chosen] - rest[chosen]) * scales
+    filled = fill_gaps(observed, take.rate, gaps)
+    wrong = spikes(filled.values, take.rate)
+    if wrong.any():
+        notes.append(
+            f"{int(wrong.sum())} marker positions jump away for a few frames and are taken as missing "
+            f"({_ranges(np.asarray(wrong.any(axis=1)))})"
+        )
+        filled = fill_gaps(np.where(wrong[:, :, None], np.nan, observed), take.rate, gaps)
     rate, at = _shown(take, fps)
     driven = _lids_by_markers(head, dict(zip(centres, filled.values.transpose(1, 0, 2), strict=True)))
     moved = _resampled(filled.values, at)
@@ -263,7 +271,8 @@ def animate(
         "neutral_frame": rest_frame, "neutral": "given" if neutral != "auto" else "found with the mouth closed",
         "gaps": {
             "mode": gaps, "short_values": int(filled.short.sum()), "long_values": int(filled.long.sum()),
-            "marked_frames": int(held.sum()), "frames_without_head_pose": int(unknown_pose.sum()),
+            "spikes": int(wrong.sum()), "marked_frames": int(held.sum()),
+            "frames_without_head_pose": int(unknown_pose.sum()),
         },
         "lids": lid_words, "largest_jaw_opening_deg": float(jaw_deg.max(initial=0.0)),
         "head_motion": head_motion, "frames_beyond_2.5d": int(beyond.sum()),

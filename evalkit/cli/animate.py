@@ -225,6 +225,6 @@ def describe(report: dict[str, Any], written: list[str]) -> str:
             f"{out['targets']} morph targets; vertices within {out['largest_error_mm']:.2f} mm of the animation "
             f"({out['rms_error_mm']:.3f} mm rms)"
         )
-    lines += [f"warning: {note}" for note in report["notes"]]
+    lines += [f"warning: {note}" for note in [*report["notes"], *checks["warnings"]]]
     lines += [f"wrote {path}" for path in written]
     return "\n".join(lines)
