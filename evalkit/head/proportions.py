@@ -63,7 +63,7 @@ PRIMITIVES: tuple[Primitive, ...] = (
 )
 """The masses of the head and what is carved from them.
 
-Chosen by hand after the anatomy, then their sizes fitted by robust least squares so that the zero level passes
+Chosen by hand after the anatomy, then (all but the last two) places, sizes and blends fitted by robust least squares so that the zero level passes
 through the skin of [1]_ in front of the ears (without ears, nostrils and the insides of lids and lips; the
 openings of the eyes closed by a sphere of 16.4 mm about the middle of the eyeball). ``tests/test_head.py``
 measures the distance that is left.
