@@ -6,7 +6,8 @@ compared with number 1 of the detector's mesh (8.7 % in the mean, 10.3 % at most
 lies below the tip: the most forward vertex of the detector's canonical face is number 4, which is what a nose tip
 is here. With that assignment, and with views that had not been looked at before, the test was run again; nothing
 else was changed: nose tip 2.0 % in the mean and 3.1 % at most, chin 1.9 % and 2.8 %. Since then the nostrils were
-given openings, for their look and not for the detector (2.2 % and 3.9 %; 1.9 % and 2.9 %). None of the views is among those that the head was judged by while it was made.
+given openings, for their look and not for the detector (2.2 % and 3.9 %; 1.9 % and 2.9 %).
+None of the views is among those that the head was judged by while it was made.
 
 That a detector finds a face says little: it finds one on the ellipsoid, too. Only the places of nose tip and chin
 depend on the relief.

@@ -63,10 +63,10 @@ PRIMITIVES: tuple[Primitive, ...] = (
 )
 """The masses of the head and what is carved from them.
 
-Chosen by hand after the anatomy, then (all but the last two) places, sizes and blends fitted by robust least squares so that the zero level passes
-through the skin of [1]_ in front of the ears (without ears, nostrils and the insides of lids and lips; the
-openings of the eyes closed by a sphere of 16.4 mm about the middle of the eyeball). ``tests/test_head.py``
-measures the distance that is left.
+Chosen by hand after the anatomy; then places, sizes and blends of all but the last two were fitted by robust least
+squares, so that the zero level passes through the skin of [1]_ in front of the ears (without ears, nostrils and
+the insides of lids and lips; the openings of the eyes closed by a sphere of 16.4 mm about the middle of the
+eyeball). ``tests/test_head.py`` measures the distance that is left.
 """
 
 EYE_CENTRE = np.array([31.2, 36.1, 79.1])
