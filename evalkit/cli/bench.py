@@ -23,7 +23,7 @@ HUGE = 200_000
 
 
 @click.command()
-@click.option("--frames", type=click.IntRange(min=2), help="Frames of each setting. [default: 120; 300 with --full]")
+@click.option("--frames", type=click.IntRange(min=2), help="Frames of each setting. [default: 100; 300 with --full]")
 @click.option(
     "--size",
     "sizes",

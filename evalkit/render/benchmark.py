@@ -27,7 +27,7 @@ from evalkit.render.head_scene import HeadScene
 STAGES = ("deform", "upload", "render", "read_back")
 PERCENTILES = (50, 95, 99)
 
-FRAMES = 120
+FRAMES = 100
 FULL_FRAMES = 300
 SIZES = (512, 1024)
 MULTISAMPLES = (0, 8)
