@@ -115,8 +115,8 @@ class HeadScene:
         self._window.SetSwapBuffers(0)
         # One light beside the camera: by software every further one costs a sixth of a frame.
         self._plotter.add_light(pyvista.Light(position=(0.25, 0.4, 1.0), light_type="camera light"))
-        # The pass that puts transparent layers into order blends in buffers of its own, which costs nearly as much as the
-        # head. Here the plate comes before the teeth, and no more order is needed.
+        # The pass that puts transparent layers into order blends in buffers of its own, at nearly the cost of the head.
+        # Here the plate comes before the teeth, and no more order is needed.
         self._plotter.renderer.SetUseOIT(False)
 
     def _build(self, head: Head, textured: bool, wireframe: bool, shading: str, without: tuple[str, ...]) -> None:
