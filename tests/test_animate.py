@@ -340,6 +340,17 @@ def test_left_and_right_exchanged_show_up(talking, played):
     assert played.report["markers"] == names
 
 
+def test_a_head_without_jaw_lids_and_mouth_still_moves():
+    parts = {"skin": HEAD.parts["skin"]}
+    bare = dataclasses.replace(HEAD, jaw=None, lids=None, parts=parts)
+    made = animate(opening_take(), bare, compensated=True)
+    assert made.report["lids"]["blinks"] == 0
+    assert made.jaw_deg.max() == 0
+    found = check(made)
+    assert found["mouth_correlation"] is None
+    assert found["largest_step_mm"] > 0.1
+
+
 def test_a_popping_marker_shows_in_the_largest_step():
     smooth = check(animate(opening_take(), HEAD, compensated=True))
     points = np.array(opening_take().points)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from evalkit import __version__
 from evalkit.animation.performance import Animation
 from evalkit.errors import EvalkitError
-from evalkit.geometry import Array, quaternion_from_rotation
+from evalkit.geometry import Array, blocks, quaternion_from_rotation
 from evalkit.head import Head
 
 TOLERANCE_MM = 0.5
@@ -97,13 +97,18 @@ def morph_targets(animation: Animation, tolerance_mm: float) -> tuple[Array, Arr
     head = animation.head
     some = _telling_frames(animation)
     motion = (animation.vertices(some) - head.vertices).reshape(len(some), -1)
-    # Eigenvectors of the frames' products: frames are few and coordinates many.
-    strength, mixture = np.linalg.eigh(motion @ motion.T)
+    # Eigenvectors of the frames' products: frames are few and coordinates many. In double precision, or the weak
+    # components would be rounding; block by block, since a second copy of all is not needed for it.
+    products = np.zeros((len(some), len(some)))
+    for columns in blocks(motion.shape[1], 30_000):
+        part = motion[:, columns].astype(np.float64)
+        products += part @ part.T
+    strength, mixture = np.linalg.eigh(products)
     kept = np.flatnonzero(strength > 1e-10 * max(strength[-1], 1e-12))[::-1][:MOST_TARGETS]
     basis = (mixture[:, kept] / np.sqrt(strength[kept])).T @ motion
     weights = np.empty((animation.frames, len(basis)))
-    for start, part in animation.batches():
-        weights[start : start + len(part)] = (part - head.vertices).reshape(len(part), -1) @ basis.T
+    for start, shown in animation.batches():
+        weights[start : start + len(shown)] = (shown - head.vertices).reshape(len(shown), -1) @ basis.T
     count, errors = 0, _errors(animation, basis[:0], weights[:, :0])
     while errors["largest_error_mm"] > tolerance_mm and count < len(basis):
         # In steps: every look at the error goes over all frames.
