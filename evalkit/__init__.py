@@ -51,6 +51,7 @@ __all__ = [
     "compensate_as_published",
     "deformation_map",
     "kernels",
+    "load_head",
     "pivot_estimators",
     "pose_estimators",
     "read_capture",

@@ -156,7 +156,8 @@ def translation_error_mm(
     ndarray, shape (F,), mm, NaN in other frames
     """
     r, t = np.asarray(rotations, dtype=np.float64), np.asarray(translations, dtype=np.float64)
-    path = np.asarray(true_rotations, dtype=np.float64) @ np.asarray(point, dtype=np.float64) + true_translations
+    true_r, true_t = np.asarray(true_rotations, dtype=np.float64), np.asarray(true_translations, dtype=np.float64)
+    path = true_r @ np.asarray(point, dtype=np.float64) + true_t
     used = np.isfinite(r).all(axis=(1, 2)) & np.isfinite(t).all(axis=1) if ok is None else np.asarray(ok, dtype=bool)
     out = np.full(len(r), np.nan)
     if used.any():

@@ -23,7 +23,7 @@ from evalkit.study.figures import root_mean_square
 QUICK = ("joint", "score", "svd", "sphere", "gamage-lasenby")
 """Pivot estimators that are measured on every preset; the searches are slow, and one preset shows if they break."""
 
-COMPENSATIONS = {"forehead": {}, "auto": {"rigid": "auto"}, "smooth": {"smooth": True}}
+COMPENSATIONS: dict[str, dict[str, Any]] = {"forehead": {}, "auto": {"rigid": "auto"}, "smooth": {"smooth": True}}
 """Ways to compensate whose expression error is watched."""
 
 
