@@ -19,6 +19,9 @@ TOUCH_MM = 1.5
 CORNER_MM = 3.0
 """Over this distance from where the lips grow together there is one skin and nothing to cross."""
 
+STRAIGHT = 0.1
+"""So near an end of an edge, as a share of it, the place opposite is the vertex there."""
+
 NEIGHBOURS = 6
 """Vertices of the upper lip between which the place opposite a vertex of the lower lip is looked for."""
 
@@ -63,4 +66,8 @@ def lip_contact(head: Head) -> LipContact:
     distance = np.linalg.norm(towards - share[..., None] * along, axis=2)
     best = distance.argmin(axis=1)
     rows = np.arange(len(lower))
-    return LipContact(lower, near[rows[:, None], pairs[best]], share[rows, best])
+    upper, share = near[rows[:, None], pairs[best]], share[rows, best]
+    # Where two edges meet straight opposite, neither must be preferred: left and right would differ.
+    at_end = np.minimum(share, 1.0 - share) < STRAIGHT
+    upper[at_end] = upper[at_end, np.round(share[at_end]).astype(int)][:, None]
+    return LipContact(lower, upper, share)
