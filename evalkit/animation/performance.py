@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from evalkit.animation.alignment import Alignment, Placed, align, match_positions, place_others
+from evalkit.animation.alignment import Alignment, align, match_positions, place_others
 from evalkit.animation.gaps import MODES, Filled, fill_gaps, fill_rotations, spikes
 from evalkit.animation.head_motion import (
     LIMIT_DEG,
@@ -310,7 +310,8 @@ def _head_motion_out(
         return take.points, rotations, np.zeros((take.frames, 3)), None, list(take.warnings)
     result = compensate(take, rigid)
     lost = int((result.frame_status != FrameStatus.OK).sum())
-    notes = [words for words in result.warnings if not words.startswith("pivot ")]
+    # Where the neck's pivot is, and whether it sways, changes nothing that is seen here: the pose does.
+    notes = [words for words in result.warnings if not words.startswith(("pivot ", "the pivot "))]
     if lost == take.frames:
         raise EvalkitError("no frame of the take gives a head pose; name rigid markers with --rigid")
     return result.capture.points, result.rotations, result.translations, result.pivot, notes
@@ -475,6 +476,3 @@ def _ranges(mask: np.ndarray, most: int = 4) -> str:
     edge = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
     runs = [f"{a}" if b - a == 1 else f"{a}-{b - 1}" for a, b in zip(edge[::2], edge[1::2], strict=True)]
     return ", ".join(runs[:most]) + (" ..." if len(runs) > most else "")
-
-
-__all__ = ["Animation", "Placed", "animate"]

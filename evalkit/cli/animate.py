@@ -154,13 +154,12 @@ def _write(made: Any, output: Path, size: int, side_by_side: bool, markers: bool
             return write_glb(made, output)
     from evalkit.render.playback import write_video
 
-    # The bar with the time left goes to where a person watches; a log gets no bar.
-    with click.progressbar(
-        length=made.frames, label="drawing", file=sys.stderr, hidden=not sys.stderr.isatty(), show_eta=True
-    ) as bar:
-        write_video(
-            made, output, size=size, side_by_side=side_by_side, markers=markers, wireframe=wireframe, advance=bar.update
-        )
+    look: dict[str, Any] = {"size": size, "side_by_side": side_by_side, "markers": markers, "wireframe": wireframe}
+    if sys.stderr.isatty():
+        with click.progressbar(length=made.frames, label="drawing", file=sys.stderr, show_eta=True) as bar:
+            write_video(made, output, **look, advance=bar.update)
+    else:
+        write_video(made, output, **look)
     return {"frames": made.frames, "rate_hz": made.rate_hz, "size": size}
 
 
