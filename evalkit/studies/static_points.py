@@ -2,7 +2,12 @@
 
 Question: how many static centres keep the rim of the mask still, and what do they do to the face?
 
-Finding: -
+Finding: with 5 seeds and the exponential, drift of the rim without static centres / with 5, 10, 20 and 40 of them,
+rms mm: 10.9 / 1.91, 0.98, 0.20, 0.06; biharmonic 10.9 / 1.79, 0.69, 0.14, 0.05; bi-Laplacian 4.6 / 2.2, 0.91, 0.24,
+0.09. Without any, the motion of the jaw reaches the back of the head, and the face itself errs by 4.25 mm. The face
+is best with 10, 2.11 mm, and not with 20, 2.41 mm: with more of them some come near the jaw, where skin should move.
+The lips, with markers of their own and no static centres, do not change. Twenty are right where the rim of the mask
+is seen, ten where the face is what counts.
 
 Command: ``evalkit study run static-points --budget full``.
 """
