@@ -180,6 +180,7 @@ def test_a_face_at_rest_needs_no_targets_and_still_is_a_mesh(tmp_path):
 def test_snapshots_are_pictures_with_a_head_in_them(tmp_path, made, monkeypatch):
     head_to_draw()
     monkeypatch.setattr(face_figures, "SIZE", 160)
+    monkeypatch.setattr(face_figures, "SHEET_FRAMES", 4)
     names = write_snapshots(made, tmp_path)
     assert set(names) == {"markers.png", "head.png", "landmarks.png", "snapshots.png", "sheet.png"}
     for name in names:

@@ -42,6 +42,10 @@ FEWEST_MARKERS = 4
 LEAST_SEEN = 0.1
 """A marker seen in a smaller part of the frames drives nothing: most of what it did would be invented."""
 
+MIRROR = np.array([-1.0, 1.0, 1.0])
+MIRRORED = 0.7
+"""A mirrored face that fits so much better is one: a face as it is fits better than its mirror image by its depth."""
+
 HEAD_MOTION = ("take", "still", "idle")
 """The performer's own put back on, none, or small motions that a still head needs to look alive."""
 
@@ -217,7 +221,10 @@ def animate(
     used = [*columns.values(), *others]
     rest, rest_frame = _rest(take, still[:, used], list(columns), neutral, used)
     known = len(columns)
-    alignment = align(rest[:known], np.array([head.marker_sites[site] for site in columns]))
+    targets = np.array([head.marker_sites[site] for site in columns])
+    alignment = align(rest[:known], targets)
+    if align(rest[:known] * MIRROR, targets).residual_mm < MIRRORED * alignment.residual_mm:
+        notes.append("the markers lie like the mirror image of a face: left and right labels are exchanged")
     placed = place_others(
         head,
         alignment,
