@@ -132,16 +132,14 @@ def more_markers(face: Face, count: int) -> dict[str, int]:
     return dict(list(chosen.items())[:count])
 
 
-def dense_take(
-    head: str, seed: int, noise_mm: float = 0.0, markers: Mapping[str, int] | None = None, frames: int = FRAMES
-) -> DenseTake:
+def dense_take(head: str, seed: int, noise_mm: float = 0.0, markers: Mapping[str, int] | None = None) -> DenseTake:
     """The data of a cell."""
     face = dense_face(head)
-    performance = perform(face, frames=frames, seed=seed)
+    performance = perform(face, frames=FRAMES, seed=seed)
     worn = dict(markers or paper_markers(face))
     points = performance.capture(worn, noise_mm=noise_mm, seed=seed)[0].points
     rest = face.head.vertices
-    truth = np.empty((frames, *rest.shape), dtype=np.float32)
+    truth = np.empty((FRAMES, *rest.shape), dtype=np.float32)
     furthest = np.zeros(len(rest))
     for part, vertices in performance.batches():
         truth[part] = vertices
