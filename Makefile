@@ -25,7 +25,9 @@ $(VENV)/installed-test: pyproject.toml constraints.txt | $(BIN)/python
 	$(PIP) install -c constraints.txt -e '.[test]'
 	@touch $@ $(VENV)/installed
 
+# The MakeHuman head is somebody else's, free to use, and a download; without it the demo shows the built-in head alone.
 demo: $(VENV)/installed
+	-$(BIN)/evalkit head get makehuman
 	$(BIN)/evalkit demo -o $(DEMO)
 
 test: $(VENV)/installed-test lint types

@@ -3,12 +3,21 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
+from evalkit.errors import EvalkitError
+
+if TYPE_CHECKING:
+    from evalkit.capture import Capture
+
 BUNDLED = "talking"
+
+VIDEO_HZ, VIDEO_SIZE = 25.0, 360
+"""Small, so that the demo stays short on a machine without a graphics card."""
 
 
 @click.command()
@@ -22,7 +31,7 @@ BUNDLED = "talking"
     help="Folder for the results.",
 )
 def demo(output: Path) -> None:
-    """Compensate the bundled synthetic take, compare all methods on it, write the report and pictures.
+    """Compensate the bundled synthetic take, compare all methods on it, move a head by it; report, pictures, video.
 
     \b
     Example:
@@ -47,6 +56,8 @@ def demo(output: Path) -> None:
             rows = compare_methods(take, result, truth=truth)
             write_report(take, result, stage / "report.html", methods=rows, truth=truth, source=path)
             missing = write_pictures(take, result, stage)
+        with working("moving a head by the take"):
+            missing += _faces(take, truth.rigid, stage)
     click.echo(describe(content, output, True))
     click.echo("")
     click.echo(methods_table(rows))
@@ -55,6 +66,30 @@ def demo(output: Path) -> None:
     click.echo(
         f"\npictures: {output / 'markers.png'}, {output / 'pivot.png'}; open {output / 'report.html'} in a browser"
     )
+    if (output / "face.png").exists():
+        click.echo(f"the take on a head: {output / 'face.mp4'}, {output / 'face.png'}")
+
+
+def _faces(take: Capture, rigid: Sequence[str], folder: Path) -> list[str]:
+    """The take on the built-in head as a video, and on every head at hand as pictures; what could not be drawn."""
+    from PIL import Image
+
+    from evalkit import animation
+    from evalkit.head import load_head
+    from evalkit.head.makehuman import cached_head
+    from evalkit.render.face_figures import snapshots
+    from evalkit.render.playback import write_video
+
+    try:
+        made = animation.animate(take, load_head("template"), rigid=rigid, fps=VIDEO_HZ)
+        write_video(made, folder / "face.mp4", size=VIDEO_SIZE)
+        Image.fromarray(snapshots(made)).save(folder / "face.png")
+        if cached_head().exists():
+            other = animation.animate(take, load_head("makehuman"), rigid=rigid, fps=VIDEO_HZ)
+            Image.fromarray(snapshots(other)).save(folder / "face-makehuman.png")
+    except EvalkitError as error:
+        return [f"the head was not drawn: {error}"]
+    return []
 
 
 def methods_table(rows: list[dict[str, Any]]) -> str:
