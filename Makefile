@@ -31,7 +31,7 @@ demo: $(VENV)/installed
 	$(BIN)/evalkit demo -o $(DEMO)
 
 test: $(VENV)/installed-test lint types
-	$(BIN)/python -m pytest -n 2 -m "not slow and not timing"
+	$(BIN)/python -m pytest -n 2 --dist worksteal -m "not slow and not timing"
 	$(BIN)/python -m pytest -m "timing and not slow"
 
 test-slow: $(VENV)/installed-test

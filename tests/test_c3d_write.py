@@ -299,6 +299,7 @@ def test_70000_frames_are_read_whole_by_all(tmp_path):
     check_long(tmp_path, 70_000)
 
 
+@pytest.mark.slow
 def test_200000_frames_are_read_whole_by_all(tmp_path):
     check_long(tmp_path, 200_000)
 
