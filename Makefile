@@ -2,14 +2,14 @@
 #   make demo   environment, install, then the main job on the bundled capture
 #   make test   the same environment with the test tools, then lint, types and tests
 #   make bench  frames per second of an animated head
-# and make regress compares the accuracy of every method with the baselines.
+# and make regress compares the accuracy of every method with the baselines, make studies reruns some studies.
 PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 DEMO ?= demo
 
-.PHONY: demo bench test test-slow regress lint types check lab clean
+.PHONY: demo bench test test-slow studies regress lint types check lab clean
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -39,6 +39,10 @@ test-slow: $(VENV)/installed-test
 
 bench: $(VENV)/installed
 	$(BIN)/evalkit bench
+
+# A few studies with the small budget, under two minutes; 'evalkit study run --all' does every one in some four.
+studies: $(VENV)/installed
+	$(BIN)/evalkit study run pose-noise pivot-noise pivot-sway gaps outliers regions -o results
 
 regress: $(VENV)/installed
 	$(BIN)/evalkit regress
