@@ -13,9 +13,9 @@ import pytest
 LIMIT = 4.0
 """Peak over the size of the positions: the file's bytes (two thirds), the positions, the result's, and some to work."""
 
-FIXED_MB = 40.0
+FIXED_MB = 20.0
 """What does not grow with the take: modules loaded late, blocks of frames, the allocator's arenas. It is left out at a
-million frames, where it is a fourteenth of the positions."""
+million frames, where it would be a thirtieth of the positions."""
 
 pytestmark = pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="peak memory is read from /proc")
 
