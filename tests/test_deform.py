@@ -244,6 +244,47 @@ def test_ramp_is_a_mean_of_the_fields():
     assert (blended[HEAD.regions["hindbrain"]] == 1.0).all()
 
 
+def test_the_edges_of_the_lips_follow_their_own_markers():
+    """The jaw opens by 25 mm and takes the corners along by a third, as a performer's does; the upper lip stays."""
+    from evalkit.head import load_head
+
+    head = load_head("template")
+    names = list(head.marker_sites)
+    move = np.zeros((len(names), 3))
+    for name in ("LowerLipC", "LowerLipL", "LowerLipR", "Chin"):
+        move[names.index(name), 1] = -25.0
+    for name in ("MouthL", "MouthR"):
+        move[names.index(name), 1] = -8.0
+    rim = np.intersect1d(head.part_vertices("skin"), head.part_vertices("mouth pocket"))
+
+    def down(regions):
+        """How far the middle of the upper and the lower edge go down, mm."""
+        edges = [np.intersect1d(rim, head.regions[lip]) for lip in ("upper lip", "lower lip")]
+        middle = [edge[np.abs(head.vertices[edge, 0]).argmin()] for edge in edges]
+        upper, lower = -(deformation_map(head, names, regions=regions)[middle] @ move)[:, 1]
+        return upper, lower
+
+    upper, lower = down(True)
+    # The edges are 11 mm away from the markers and as near to the corners' height as to theirs: some of what the
+    # corners do may show, a millimetre above and a seventh of the opening below.
+    assert abs(upper) < 1.0 and 0.85 * 25.0 <= lower < 1.05 * 25.0
+    # Control: one field for all moves the two edges, at the same place at rest, alike.
+    upper, lower = down(False)
+    assert upper > 5.0 and lower < 0.7 * 25.0
+
+
+def test_a_marker_far_from_a_corner_is_not_the_corners():
+    """Beside the jaw a corner is the nearest site; the upper lip must not listen to what goes with the jaw."""
+    places = {name: np.asarray(HEAD.marker_sites[name]) for name in NAMES if not name.startswith("Mouth")}
+    # At the corners to a few millimetres, as a marker of one's own set is, and on the jaw below the left one.
+    near = {name: np.add(HEAD.marker_sites[name], [0.0, -4.0, 0.0]) for name in ("MouthL", "MouthR")}
+    jaw = {"jaw": np.add(HEAD.marker_sites["MouthL"], [6.0, -18.0, -6.0])}
+    own = {f"my {name}": place for name, place in near.items()}
+    upper, lower = deformation_report(HEAD, places | own | jaw).fields[1:]
+    assert set(own) <= set(upper.centres) and set(own) <= set(lower.centres)
+    assert "jaw" not in upper.centres and "jaw" in lower.centres
+
+
 # Distances along the surface
 
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from evalkit.deform.centres import (
+    EYES,
     Centres,
     HeadLike,
     inter_eye_distance,
@@ -30,10 +31,21 @@ a good third of the way from a corner of the mouth to its middle."""
 REACH = 0.5
 """A centre without a name plays the part of the nearest marker site up to this fraction of the inter-eye distance."""
 
-SLOPES = {"face": 3, "upper lip": 2, "lower lip": 2}
+CORNER_REACH = 0.25
+"""The same for the corners of the mouth, to which both lips listen: half of it, as a marker of the cheek or the jaw
+that is farther away would pull at the wrong lip."""
+
+SLOPES = {"face": 3, "upper lip": 1, "lower lip": 2}
 """Directions in which a field's affine part may have a slope. The few markers of a lip lie on one patch of skin: a
 slope through it would be read off the patch's curvature, and would move the inside of the mouth by ten times what
-the markers move."""
+the markers move. From lip to chin the jaw's turn is a slope; from cheek to lip there is no such thing, and what the
+corners do below the cheeks would be carried on to the edge of the lip."""
+
+ACROSS_LIP = 0.3
+"""Part that a length across a lip counts in the lip's field; one from corner to corner counts in full. A lip is a
+band whose markers are in the skin beside it, as far from its edge as from each other: by plain distance the edge
+would follow the corners nearly as much as the marker beside it. With less than this, the kink that the exponential
+has at a marker becomes a crease through the whole lip."""
 
 BADLY_CONDITIONED = 1e12
 """Condition number above which four or fewer digits of the weights can be trusted."""
@@ -131,7 +143,8 @@ def deformation_map(
     kernel : str or Kernel
         Name in :data:`evalkit.kernels`.
     regions : bool or mapping of str to centres
-        Whether the lips listen to markers of their own (Huang et al. 2000, section 4.2). A mapping says which
+        Whether the lips listen to markers of their own (Huang et al. 2000, section 4.2). In a lip's field of
+        straight distance, lengths across the lip count `ACROSS_LIP` of what they are. A mapping says which
         centres, by label or index, ``"upper lip"`` and ``"lower lip"`` listen to; True goes by the names of the
         marker sites, or the sites nearest to centres without a known name.
     static : bool or centres
@@ -202,11 +215,10 @@ def deformation_report(
             continue
         fixed = still if region == "face" else still[:0]
         names = [labels[i] for i in which]
-        found = entry.interpolate(
-            _sites(vertices, skin.triangles, np.vstack([positions[which], fixed]) / eyes, names, entry),
-            scale,
-            _slopes(entry, region),
-        )
+        sites = _sites(vertices, skin.triangles, np.vstack([positions[which], fixed]) / eyes, names, entry)
+        if region != "face" and entry.weights is None and entry.distances is None:
+            sites = _along_the_lip(head, sites)
+        found = entry.interpolate(sites, scale, _slopes(entry, region))
         moving = found.weights[:, : len(which)]
         maps[region] = np.zeros((len(vertices), len(labels)))
         maps[region][:, which] = moving
@@ -329,6 +341,14 @@ def _sites(vertices: Array, triangles: np.ndarray, centres: Array, labels: list[
     return Sites(vertices, triangles, centres, at)
 
 
+def _along_the_lip(head: HeadLike, sites: Sites) -> Sites:
+    """Sites with lengths across the direction from eye to eye, which is that from corner to corner, shortened."""
+    places = site_positions(head)
+    axis = (places[EYES[0]] - places[EYES[1]]) / inter_eye_distance(head)
+    shorten = ACROSS_LIP * np.eye(3) + (1.0 - ACROSS_LIP) * np.outer(axis, axis)
+    return replace(sites, vertices=sites.vertices @ shorten, centres=sites.centres @ shorten)
+
+
 def _lip_centres(
     head: HeadLike,
     labels: tuple[str, ...],
@@ -351,6 +371,8 @@ def _site_of_each(head: HeadLike, labels: tuple[str, ...], positions: Array, eye
     sites = site_positions(head)
     known = list(sites)
     gap = euclidean(positions, np.array(list(sites.values())))
+    corner = np.array([all(name in LIP_SITES[lip] for lip in LIPS) for name in known])
+    gap[:, corner] = np.where(gap[:, corner] <= CORNER_REACH * eyes, gap[:, corner], np.inf)
     nearest = gap.argmin(axis=1)
     return [
         label if label in sites else known[near] if gap[i, near] <= REACH * eyes else ""
