@@ -151,3 +151,24 @@ def test_lips_in_each_other_are_measured_by_their_depth():
     overlapping[2, 1] += 0.5
     depth = metrics.lip_penetration_mm(moved, overlapping, **lips)[:, 0]
     np.testing.assert_allclose(depth, [0, 0, 0.5, 0], atol=ROUNDING)
+
+
+def test_honest_errors_are_one_on_average_and_follow_chi_square():
+    """4,000 draws: the mean of chi-square with 3 degrees, over 3, scatters by 0.013; three times that is allowed."""
+    random = np.random.default_rng(5)
+    mix = random.standard_normal((3, 3))
+    covariance = mix @ mix.T
+    errors = random.standard_normal((4000, 3)) @ mix.T
+    found = np.array([metrics.normalised_square(error, covariance) for error in errors])
+    assert abs(found.mean() - 1.0) < 0.04
+    # 95 % of chi-square with three degrees lie below 7.815; 4,000 draws scatter by 0.0034.
+    assert abs((3.0 * found < 7.815).mean() - 0.95) < 0.011
+    # Control: a covariance that is half of what it should be is found out.
+    assert np.mean([metrics.normalised_square(error, 0.5 * covariance) for error in errors]) > 1.8
+    assert metrics.normalised_square(np.zeros(3), covariance) == 0.0
+
+
+def test_coordinates_of_which_nothing_is_stated_do_not_count():
+    half_known = np.diag([4.0, np.inf, 1.0])
+    assert metrics.normalised_square([2.0, 900.0, 1.0], half_known) == 1.0
+    assert np.isnan(metrics.normalised_square([1.0, 2.0, 3.0], np.diag([np.inf] * 3)))
