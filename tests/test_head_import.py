@@ -222,3 +222,23 @@ def test_makehuman_from_its_wheel(tmp_path, monkeypatch):
     brow = head.skin_vertices[np.linalg.norm(head.vertices[head.skin_vertices] - middle, axis=1) < 10.0]
     darkest = min(colour(uv).mean() for uv in head.uv[brow])
     assert darkest < 0.6 * colour(head.uv[at["forehead"]]).mean()
+
+
+def test_lips_are_told_apart_by_the_slit_and_not_by_height():
+    """A mouth whose line bows up by 4 mm: the edge of the lower lip stands above the corners."""
+    from evalkit.head.importing import regions_by_place
+
+    head = load_head("template")
+    x, y, z = head.vertices.T
+    bow = 4.0 * np.clip(1.0 - (x / 27.0) ** 2, 0.0, None) * np.exp(-(((y + 34.0) / 20.0) ** 2)) * (z > 80.0)
+    bowed = head.vertices + bow[:, None] * [0.0, 1.0, 0.0]
+    regions = regions_by_place(bowed, head.triangles, head.landmarks)
+    rim = np.intersect1d(head.part_vertices("skin"), head.part_vertices("mouth pocket"))
+    # Beside a corner both lips are as near.
+    rim = rim[np.abs(x[rim]) < 20.0]
+    for lip in ("upper lip", "lower lip"):
+        edge = np.intersect1d(rim, head.regions[lip])
+        assert len(edge) > 5 and np.isin(edge, regions[lip]).all()
+    corners = [head.landmarks[f"mouth corner {side}"][1] for side in ("left", "right")]
+    # Control: by height the lower edge would belong to the upper lip.
+    assert (bowed[np.intersect1d(rim, head.regions["lower lip"]), 1] > np.mean(corners)).any()

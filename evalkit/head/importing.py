@@ -200,13 +200,16 @@ def _completed(head: Head, regions: dict[str, Indices]) -> Head:
     )
 
 
-def regions_by_place(vertices: Array, landmarks: dict[str, Array]) -> dict[str, Indices]:
+def regions_by_place(vertices: Array, triangles: Indices, landmarks: dict[str, Array]) -> dict[str, Indices]:
     """The five regions of a head that names none, from its landmarks (mm, y up, z forward).
 
     Lips: within 0.62 mouth widths of the middle of the mouth and between the base of the nose and the fold
-    under the lip, cut at the line through the corners. Neck: below the chin and behind it. Hindbrain: behind the
-    outer corners of the eyes by one face depth (outer eye corner to nose tip), or above the forehead.
+    under the lip, told apart by the shorter way along the surface to the middle of either lip. Neck: below the
+    chin and behind it. Hindbrain: behind the outer corners of the eyes by one face depth (outer eye corner to nose
+    tip), or above the forehead.
     """
+    from evalkit.deform.surface import edge_distance, edge_graph, nearest_vertices
+
     corner = np.array([landmarks["mouth corner left"], landmarks["mouth corner right"]])
     middle, width = corner.mean(axis=0), np.linalg.norm(corner[0] - corner[1])
     eye = 0.5 * (landmarks["eye outer left"] + landmarks["eye outer right"])
@@ -219,8 +222,12 @@ def regions_by_place(vertices: Array, landmarks: dict[str, Array]) -> dict[str, 
     kind[(z < eye[2] - 1.2 * depth) | (y > landmarks["nasion"][1] + 0.62 * height)] = 0
     kind[(y < landmarks["chin"][1] + 0.03 * height) & (z < landmarks["chin"][2] - 0.4 * depth)] = 1
     kind[y < landmarks["chin"][1] - 0.1 * height] = 1
-    kind[lips & (y >= middle[1])] = 3
-    kind[lips & (y < middle[1])] = 4
+    # Not by height: where lips are full or curved, the edge of one lies above the corners or below them.
+    graph = edge_graph(vertices, triangles)
+    middles, _ = nearest_vertices(vertices, np.array([landmarks["upper lip"], landmarks["lower lip"]]))
+    to_upper, to_lower = (edge_distance(graph, [vertex]) for vertex in middles)
+    kind[lips & (to_upper <= to_lower)] = 3
+    kind[lips & (to_upper > to_lower)] = 4
     return {name: np.flatnonzero(kind == k) for k, name in enumerate(REGIONS)}
 
 
@@ -236,7 +243,7 @@ def head_by_landmarks(
         name=head_name, vertices=vertices, triangles=triangles, parts=parts, regions={}, landmarks=landmarks,
         marker_sites=on_skin(sites_by_landmarks(landmarks), vertices, skin), **other,
     )  # fmt: skip
-    return _completed(head, regions_by_place(vertices, landmarks))
+    return _completed(head, regions_by_place(vertices, triangles, landmarks))
 
 
 def _canonical_face(path: Path, vertices: Array, triangles: Indices) -> Head:
