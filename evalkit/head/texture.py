@@ -227,12 +227,12 @@ def _paint_teeth(picture: Array, u: Array, v: Array) -> None:
     within = np.abs(place - np.floor(place) - 0.5) * 2.0
     edge = np.clip(down, 0, 1)
     tile = picture[where]
-    tile[..., :3] = (
-        np.array([236.0, 228.0, 208.0]) * (1.0 - 0.25 * ramp(within, 0.7, 1.0) - 0.3 * ramp(place, 2.5, 7.0))[..., None]
-    )
+    # In the shade of the lips, and darker towards the back of the mouth, where no light gets.
+    shade = 1.0 - 0.25 * ramp(within, 0.7, 1.0) - 0.55 * ramp(place, 1.5, 5.0)
+    tile[..., :3] = np.array([214.0, 204.0, 184.0]) * shade[..., None]
     mix(tile, np.array([190.0, 96.0, 96.0]), 1.0 - ramp(edge + 0.12 * within**2, 0.10, 0.16))
     # Corners of the crowns are rounded: nothing there.
-    corner = ramp(edge, 0.86, 1.0) * ramp(within, 0.55, 1.0)
+    corner = ramp(edge, 0.93, 1.0) * ramp(within, 0.7, 1.0)
     tile[..., 3] = 255.0 * (1.0 - ramp(corner, 0.25, 0.5)) * (1.0 - ramp(down, 0.985, 1.0))
 
 
