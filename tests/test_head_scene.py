@@ -14,7 +14,7 @@ from small_head import head_to_draw
 
 from evalkit.errors import EvalkitError
 from evalkit.geometry import rotation_from_vector
-from evalkit.head import Head
+from evalkit.head import Head, load_head
 from evalkit.render.head_scene import HeadScene, VertexNormals
 
 SIZE = (160, 160)
@@ -205,3 +205,30 @@ def test_a_thousand_frames_leave_nothing_behind(head: Head) -> None:
         # Control: pictures that are kept are noticed.
         assert growth_kb(scene, head.vertices, 100, keep=[]) > 4_000
     scene.close()  # twice does no harm
+
+
+@pytest.mark.slow
+def test_no_background_shows_between_hair_and_plate():
+    from scipy.ndimage import binary_erosion, binary_fill_holes
+
+    from evalkit.render.head_views import View, draw_head
+    from evalkit.render.offscreen import offscreen_plotter
+
+    head = load_head()
+
+    def magenta_inside(sorted_layers: bool) -> int:
+        with offscreen_plotter(700, 700, border=False) as plotter:
+            plotter.set_background("#ff00ff")
+            draw_head(plotter, head, View(yaw_deg=28.0))
+            if sorted_layers:
+                plotter.renderer.SetUseOIT(True)
+            picture = np.asarray(plotter.screenshot(return_img=True), dtype=int)
+        # No colour of the head has more blue than green by so much.
+        seen = picture[..., 2] - picture[..., 1] > 40
+        # The outline is soft: hair ends over some ten pixels.
+        inside = binary_erosion(binary_fill_holes(picture[..., 2] - picture[..., 1] < 120), iterations=12)
+        return int((seen & inside)[:300].sum())
+
+    assert magenta_inside(sorted_layers=False) == 0
+    # Control: the pass that is switched off draws the line.
+    assert magenta_inside(sorted_layers=True) > 20
