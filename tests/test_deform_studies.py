@@ -158,7 +158,8 @@ def test_the_unit_does_not_matter_unless_a_length_is_taken_literally(tables):
         # Rounding, times a condition number of some 1e2.
         assert value(table, module.DEFAULT, "difference from mm", model_unit=unit) < 1e-10
     literal = [value(table, module.LITERAL, "difference from mm", model_unit=unit) for unit in ("mm", "cm", "m")]
-    assert literal[0] < 0.1 < literal[1] and literal[2] > 0.1
+    # A length that is ten times too long turns the exponential into a straight line: that shows little, but shows.
+    assert literal[0] < 0.01 and min(literal[1:]) > 0.05, literal
     figure = "condition of the paper's system"
     saddle = [value(table, module.LITERAL, figure, model_unit=unit) for unit in ("mm", "cm", "m")]
     assert saddle[2] > 10.0 * max(saddle[:2])

@@ -24,8 +24,8 @@ from evalkit.deform.surface import edge_graph, nearest_vertices
 from evalkit.errors import EvalkitError
 from evalkit.geometry import Array
 
-RAMP = 0.15
-"""Default width of the blend between regions, as a fraction of the inter-eye distance: 10 mm on an average face,
+RAMP = 0.165
+"""Default width of the blend between regions, as a fraction of the inter-eye distance: 11 mm on an average face,
 a good third of the way from a corner of the mouth to its middle."""
 
 REACH = 0.5
