@@ -233,6 +233,8 @@ def compensate(
         if posed is estimate.pose:
             estimate = replace(estimate, pose=smoothing.pose)
         posed = smoothing.pose
+    if posed is not estimate.pose:
+        posed = replace(posed, weights=chosen.weights)  # a weight for every sample is a third of the positions
     result = finish(take, chosen, posed, estimate, (sway, used), reference, start, pose, pivot, warnings, [])
     return replace(result, smoothing=smoothing)
 
