@@ -2,21 +2,20 @@
 
 Question: what do the kernel, and which vertices listen to which markers, matter for the error of all vertices?
 
-Finding: with 5 seeds and no noise, rms mm of all moving skin / lips (no motion at all scores 4.35 / 6.44): the
-paper's exponential without regions 2.40 / 2.17, with regions 2.33 / 1.33; thin plate 2.73 / 2.07 and 2.71 / 1.43;
+Finding: with 5 seeds and no noise, rms mm of all moving skin / lips (no motion at all scores 4.36 / 6.44): the
+paper's exponential without regions 2.40 / 2.17, with regions 2.33 / 1.14; thin plate 2.73 / 2.07 and 2.71 / 1.44;
 surface bi-Laplacian 2.61 / 0.89 and 2.61 / 0.91. On the lips, regions matter more than the choice among the radial
-kernels of straight distance: without regions all of them are between 2.06 and 2.17, with regions between 1.06
-(Gaussian) and 1.43. What matters is that the mouth's slit is respected: the bi-Laplacian does it by itself and gains
+kernels of straight distance: without regions all of them are between 2.05 and 2.17, with regions between 1.06
+(Gaussian) and 1.44. What matters is that the mouth's slit is respected: the bi-Laplacian does it by itself and gains
 nothing from regions; the exponential of geodesic distance is even better without them (1.17 against 1.36). Over all
 moving skin, whose largest errors are along the jaw, where none of the 23 markers is, the paper's kernel is the best
-of the radial ones, with biharmonic (2.34), and the smoother the worse: Matérn 3/2 2.78, cubic 3.19, Matérn 5/2 3.27.
-The price of regions: nothing keeps the two lips apart any more. With the exponential they are up to 1.5 mm in each
-other, in 10 % of the frames, and never without regions; with thin plate, cubic, multiquadric and Matérn 5/2 they do
-not cross until there is noise. Inside the mouth the lip fields of thin plate and cubic, with a slope in depth, err by
-12 mm, where no motion scores 5.2. With 0.5 mm of noise regions still matter most, and the smooth kernels lose their
-lead on the lips (Gaussian 1.42, exponential 1.48). On ICT-FaceKit's own shapes (``--axis head=ict``, one seed)
-regions take the exponential from 1.78 / 3.56 to 1.58 / 2.64, and the bi-Laplacian has 1.57 / 1.61 without them: there
-the kernel matters more than the regions.
+of the radial ones, with biharmonic (2.34), and the smoother the worse: Matérn 3/2 2.79, cubic 3.19, Matérn 5/2 3.27.
+The price of regions: nothing keeps the two lips apart any more. With the exponential they are up to 2.1 mm in each
+other, in 9 % of the frames, and never without regions; with cubic, multiquadric and Matérn 5/2 they do not cross
+until there is noise. Inside the mouth the lip fields of thin plate and cubic, with a slope in depth, err by 12 mm,
+where no motion scores 5.2. With 0.5 mm of noise regions still matter most, and the smooth kernels lose their lead on
+the lips (Gaussian 1.41, exponential 1.34). On ICT-FaceKit's own shapes (``--axis head=ict --axis noise_mm=0 --seeds 1``) regions take the
+exponential from 1.78 / 3.56 to 1.40 / 1.77, past the bi-Laplacian, which has 1.57 / 1.61 without them.
 
 Command: ``evalkit study run rbf-kernels --budget full``; other heads by ``--axis head=ict`` or ``--axis head=PATH``.
 """

@@ -3,13 +3,12 @@
 Question: what jump does each treatment of the seam leave beside the mouth corners, and what does it cost the lips?
 
 Finding: with 5 seeds, largest jump across an edge beside the mouth corners, mm, at the default resolution:
-exponential hard 3.2, ramp 0.008, spline 0.33, one field for all 0.013; thin plate hard 7.5, ramp 0.034, spline 0.62;
-bi-Laplacian hard 3.5, ramp 0.097, spline 0.56, but there one field without any seam has 0.30 already, from the kinks
-at its markers. The ramp keeps to the target of 0.05 mm with the two radial kernels and costs the lips next to
-nothing: exponential 1.33 mm against 1.28 with a hard seam and 2.17 without regions. The spline is the best on the
-lips with the thin plate (1.24 against 1.43) and leaves a visible seam. With 3,000 vertices, edges of 5 mm, the ramp
-is only two or three edges wide: no jump with the exponential, 0.49 mm with the thin plate, 0.40 mm with the
-bi-Laplacian (none: 1.7).
+exponential hard 3.0, ramp 0.010, spline 0.48, one field for all 0.013; thin plate hard 7.5, ramp 0.019, spline 0.91;
+bi-Laplacian hard 3.5, ramp 0.049, spline 1.7, but there one field without any seam has 0.30, from the kinks at its
+markers. The ramp keeps to the target of 0.05 mm with all three, the bi-Laplacian only just, and costs the lips a tenth:
+exponential 1.14 mm against 1.04 with a hard seam and 2.17 without regions. The spline is the best on the lips with the
+thin plate (1.24 against 1.44) and leaves a visible seam. With 3,000 vertices, edges of 5 mm, the ramp is only two or
+three edges wide: 0.040 mm with the exponential, 0.33 mm with the thin plate, 0.34 mm with the bi-Laplacian (none: 1.7).
 
 Command: ``evalkit study run regions --budget full``.
 """
