@@ -2,16 +2,15 @@
 
 Question: how much does a kernel's error depend on its length, and where does the system become badly conditioned?
 
-Finding: with one of the seeds, all moving skin / lips, rms mm: the exponential does not care from half the distance
-between the eyes on, 2.19 / 1.30 at 0.5, 2.18 / 1.26 at 1 (the default), 2.19 / 1.23 at 4; its condition number ends
-at 47, that of the biharmonic kernel, which it becomes. At an eighth it is 2.55 / 1.64 and turns 17 triangles over.
-The smooth kernels trade lips for face as they grow: Matérn 3/2 2.35 / 1.07 at 0.5 and 2.83 / 1.04 at 2; inverse
-multiquadric 2.21 / 1.16 at 0.25 and 5.6 / 1.35 at 2. Gaussian, multiquadric and inverse multiquadric break down
-beyond 1: at 4 the Gaussian errs by 53 mm, turns 2,000 triangles over and has a condition number of 1e9. The defaults
-of these, 0.5, lie at the edge of that: half of it is better on the face for all three (Gaussian 2.42 against 2.51,
-multiquadric 2.46 against 2.84, inverse multiquadric 2.21 against 2.43). Wendland's is best on the face at 1 (2.37 /
-1.07; its default of 2: 2.75 / 1.02). The exponential of geodesic distance, which is not known to be positive
-definite, fails at 8 (14.2).
+Finding: with 3 seeds, all moving skin / lips, rms mm: the exponential does not care from half the distance between the
+eyes on, 2.45 / 1.20 at 0.5, 2.44 / 1.18 at 1 (the default), 2.45 / 1.17 at 4; its condition number ends at 47, that of
+the biharmonic kernel, which it becomes. At an eighth it is 2.84 / 1.46 and turns 19 triangles over. The smooth kernels
+lose the face as they grow: Matérn 3/2 2.64 / 1.18 at 0.5 and 3.12 / 1.19 at 2; inverse multiquadric 2.49 / 1.18 at 0.25
+and 6.1 / 1.53 at 2. Gaussian, multiquadric and inverse multiquadric break down beyond 1: at 4 the Gaussian errs by
+57 mm, turns 2,200 triangles over and has a condition number of 1e9. The defaults of these, 0.5, lie at the edge of
+that: half of it is better on all skin for all three (Gaussian 2.72 against 2.80, multiquadric 2.75 against 3.13, inverse
+multiquadric 2.49 against 2.72). Wendland's is best on all skin at 1 (2.68 / 1.19; its default of 2: 3.05 / 1.18). The
+exponential of geodesic distance, which is not known to be positive definite, fails at 8 (15.9).
 
 Command: ``evalkit study run kernel-scale --budget full``.
 """

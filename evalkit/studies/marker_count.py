@@ -2,15 +2,14 @@
 
 Question: what is another marker worth, and which kernel makes use of it?
 
-Finding: with one of the seeds and 0.3 mm of noise, rms mm of all moving skin / lips, exponential: 8 markers 2.72 /
-1.46, 16 2.65 / 1.43, the paper's 23 2.20 / 1.31, 32 1.90 / 1.31, 48 1.15 / 1.29, 63 1.13 / 1.27, 120 0.90 / 1.23. The
-25 markers after the paper's are worth most, since the first places far from any other are those along the jaw; beyond
-48 there is little to gain. The lips gain next to nothing from markers elsewhere. Fewer than 23 leave the chin to
-others: triangles turn over (8 with the exponential, none with thin plate or Matérn 3/2), and the lips cross in 37 %
-of the frames. Which kernel is best does not depend on the number: the exponential and biharmonic on all moving skin
-(thin plate 1.5, Matérn 3/2 2.1, bi-Laplacian 1.6 with 120), though on the face region alone they come near each other
-(0.59 to 0.75), and the bi-Laplacian on the lips at every number (1.21 with 8, 0.97 with 120). Condition numbers grow
-slowly: exponential 26 with 23 and 55 with 120 markers, thin plate 760 and 2,100.
+Finding: with 3 seeds and 0.3 mm of noise, rms mm of all moving skin / lips, exponential: 8 markers 3.02 / 1.59, 16
+2.96 / 1.58, the paper's 23 2.46 / 1.25, 32 2.12 / 1.25, 48 1.26 / 1.25, 63 1.24 / 1.25, 120 0.97 / 1.19. The 25 markers
+after the paper's are worth most, since the first places far from any other are those along the jaw; beyond 48 there is
+little to gain. The lips gain next to nothing from markers elsewhere. Fewer than 23 leave the chin to others: triangles
+turn over (8 with the exponential, none with thin plate or Matérn 3/2), and the lips cross in 41 % of the frames. Which
+kernel is best hardly depends on the number: the exponential and biharmonic on all moving skin from 23 on (with 63
+markers thin plate has 1.76, Matérn 3/2 2.20, bi-Laplacian 1.73), and the bi-Laplacian on the lips at every number up to
+90 (1.29 with 8, 1.02 with 90). Condition numbers grow slowly: exponential 26 with 23 and 55 with 120 markers.
 
 Command: ``evalkit study run marker-count --budget full``.
 """
