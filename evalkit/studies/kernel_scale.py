@@ -8,9 +8,9 @@ the biharmonic kernel, which it becomes. At an eighth it is 2.84 / 1.46 and turn
 lose the face as they grow: Matérn 3/2 2.64 / 1.18 at 0.5 and 3.12 / 1.19 at 2; inverse multiquadric 2.49 / 1.18 at 0.25
 and 6.1 / 1.53 at 2. Gaussian, multiquadric and inverse multiquadric break down beyond 1: at 4 the Gaussian errs by
 57 mm, turns 2,200 triangles over and has a condition number of 1e9. The defaults of these, 0.5, lie at the edge of
-that: half of it is better on all skin for all three (Gaussian 2.72 against 2.80, multiquadric 2.75 against 3.13, inverse
-multiquadric 2.49 against 2.72). Wendland's is best on all skin at 1 (2.68 / 1.19; its default of 2: 3.05 / 1.18). The
-exponential of geodesic distance, which is not known to be positive definite, fails at 8 (15.9).
+that: half of it is better on all skin for all three (Gaussian 2.72 against 2.80, multiquadric 2.75 against 3.13,
+inverse multiquadric 2.49 against 2.72). Wendland's is best on all skin at 1 (2.68 / 1.19; its default of 2: 3.05 /
+1.18). The exponential of geodesic distance, which is not known to be positive definite, fails at 8 (15.9).
 
 Command: ``evalkit study run kernel-scale --budget full``.
 """

@@ -8,8 +8,8 @@ after the paper's are worth most, since the first places far from any other are 
 little to gain. The lips gain next to nothing from markers elsewhere. Fewer than 23 leave the chin to others: triangles
 turn over (8 with the exponential, none with thin plate or Matérn 3/2), and the lips cross in 41 % of the frames. Which
 kernel is best hardly depends on the number: the exponential and biharmonic on all moving skin from 23 on (with 63
-markers thin plate has 1.76, Matérn 3/2 2.20, bi-Laplacian 1.73), and the bi-Laplacian on the lips at every number up to
-90 (1.29 with 8, 1.02 with 90). Condition numbers grow slowly: exponential 26 with 23 and 55 with 120 markers.
+markers thin plate has 1.76, Matérn 3/2 2.20, bi-Laplacian 1.73), and the bi-Laplacian on the lips at every number
+(1.29 with 8, 0.95 with 120). Condition numbers grow slowly: exponential 26 with 23 and 55 with 120 markers.
 
 Command: ``evalkit study run marker-count --budget full``.
 """
