@@ -11,6 +11,7 @@ from evalkit import metrics
 from evalkit.deform import deformation_map
 from evalkit.dense import Turn, lip_contact, muscle_face, perform, read_ict, unit_face
 from evalkit.dense.face import about_x
+from evalkit.dense.face_units import hinge
 from evalkit.errors import EvalkitError
 from evalkit.geometry import undo_motion
 from evalkit.head import load_head
@@ -225,3 +226,19 @@ def test_ict_acts_by_its_own_shapes():
     data = moved.transpose(1, 0, 2).reshape(len(head.vertices), -1)
     left = data - weights @ np.linalg.lstsq(weights, data, rcond=None)[0]
     assert np.linalg.norm(left) > 0.1 * np.linalg.norm(data)
+
+
+def test_the_hinge_of_a_jaw_is_found_from_its_shape():
+    """A chin turned about a known axis, the skin above it following less: exact where the chin is stiff."""
+    random = np.random.default_rng(2)
+    closed = random.uniform((-40.0, -80.0, 40.0), (40.0, 20.0, 110.0), (400, 3))
+    axis, angle = np.array([0.0, 18.0, 25.0]), np.radians(14.0)
+    share = np.where(closed[:, 1] < -30.0, 1.0, 0.3)
+    turn = angle * share
+    arm = closed[:, 1:] - axis[1:]
+    opened = closed.copy()
+    opened[:, 1] = axis[1] + np.cos(turn) * arm[:, 0] - np.sin(turn) * arm[:, 1]
+    opened[:, 2] = axis[2] + np.sin(turn) * arm[:, 0] + np.cos(turn) * arm[:, 1]
+    np.testing.assert_allclose(hinge(closed, opened), axis, atol=1e-9)
+    # Control: the middle of the face is not it.
+    assert np.linalg.norm(closed.mean(axis=0) - axis) > 20.0

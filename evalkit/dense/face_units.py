@@ -25,6 +25,9 @@ MIXTURES: dict[str, dict[str, float]] = {
 }
 """Unit of :data:`evalkit.synthetic.expression.UNITS` -> shapes that make it. The jaw is ``jawOpen`` on its axis."""
 
+STIFF = 0.85
+"""Vertices that move by this part of the largest way belong to the jaw bone and not to skin that stretches after it."""
+
 SIDES = {"left": ("_L", "Left"), "right": ("_R", "Right")}
 
 
@@ -34,7 +37,7 @@ def unit_face(head: Head) -> Face:
     Parameters
     ----------
     head : Head
-        With blendshapes and a jaw.
+        With blendshapes, ``jawOpen`` among them. A head whose jaw has no axis gets the one that this shape turns about.
 
     Returns
     -------
@@ -43,10 +46,10 @@ def unit_face(head: Head) -> Face:
     Raises
     ------
     EvalkitError
-        If it has no jaw, or none of the shapes of a unit.
+        If it has no ``jawOpen``, or none of the shapes of a unit.
     """
-    if head.jaw is None or "jawOpen" not in head.blendshapes:
-        raise EvalkitError(f"{head.name}: it has no jaw axis or no shape 'jawOpen'; its units cannot be made")
+    if "jawOpen" not in head.blendshapes:
+        raise EvalkitError(f"{head.name}: it has no shape 'jawOpen'; its units cannot be made")
     fields = {}
     for unit, shapes in MIXTURES.items():
         for side in SIDES:
@@ -57,7 +60,28 @@ def unit_face(head: Head) -> Face:
     for unit in ("pucker", "lid_down"):  # these have no side in a performance
         fields[unit] = fields.pop(f"{unit} left") + fields.pop(f"{unit} right")
     opened = head.vertices + _moves(head, "jawOpen")
-    return Face(head, fields, {"jaw": Turn.through(head.vertices, opened, head.jaw.axis)})
+    axis = hinge(head.vertices, opened) if head.jaw is None else head.jaw.axis
+    return Face(head, fields, {"jaw": Turn.through(head.vertices, opened, axis)})
+
+
+def hinge(closed: Array, opened: Array) -> Array:
+    """A point of the axis, parallel to x, about which the chin turns between two shapes, mm, shape (3,).
+
+    The fixed point ``c = (I - R)^-1 (b - R a)`` of the planar rigid motion of what moves furthest, a and b its means;
+    R by least squares (doi:10.1109/34.88573).
+
+    Parameters
+    ----------
+    closed, opened : ndarray, shape (V, 3), mm
+    """
+    way = np.linalg.norm(opened - closed, axis=1)
+    chin = way > STIFF * way.max()
+    a, b = closed[chin, 1:], opened[chin, 1:]
+    from_a, to_b = a - a.mean(axis=0), b - b.mean(axis=0)
+    angle = np.arctan2((from_a[:, 0] * to_b[:, 1] - from_a[:, 1] * to_b[:, 0]).sum(), (from_a * to_b).sum())
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    centre = np.linalg.solve(np.eye(2) - turn, b.mean(axis=0) - turn @ a.mean(axis=0))
+    return np.array([0.0, *centre])
 
 
 def _of_side(head: Head, shape: str, side: str) -> list[Array]:
