@@ -208,6 +208,9 @@ def compensate(
         "sway": "auto" if sway == "per-frame" else sway, **pivot_options,
     }  # fmt: skip
     leading = replace(posed, template=posed.template[lead], weights=posed.weights[..., lead])
+    if not smooth:
+        # Nothing after the pivot weighs single samples, and their weights are a third of the positions.
+        posed = replace(posed, weights=chosen.weights)
     estimate = finder(seen(lead), leading, **options)
     del leading
     used: str | float = "per-frame" if sway == "auto" else sway
@@ -233,8 +236,6 @@ def compensate(
         if posed is estimate.pose:
             estimate = replace(estimate, pose=smoothing.pose)
         posed = smoothing.pose
-    if posed is not estimate.pose:
-        posed = replace(posed, weights=chosen.weights)  # a weight for every sample is a third of the positions
     result = finish(take, chosen, posed, estimate, (sway, used), reference, start, pose, pivot, warnings, [])
     return replace(result, smoothing=smoothing)
 
