@@ -14,9 +14,11 @@ The price of regions: nothing keeps the two lips apart any more. With the expone
 other, in 9 % of the frames, and never without regions; with cubic, multiquadric and Matérn 5/2 they do not cross
 until there is noise. Inside the mouth the lip fields of thin plate and cubic, with a slope in depth, err by 12 mm,
 where no motion scores 5.2. With 0.5 mm of noise regions still matter most, and the smooth kernels lose their lead on
-the lips (Gaussian 1.41, exponential 1.34). On
-ICT-FaceKit's own shapes (``--axis head=ict --axis noise_mm=0 --seeds 1``) regions take the exponential from 1.78 / 3.56
-to 1.40 / 1.77, near the bi-Laplacian, which has 1.57 / 1.61 without them.
+the lips (Gaussian 1.41, exponential 1.34). On ICT-FaceKit's own shapes (``--axis head=ict --axis noise_mm=0 --seeds
+1``) regions take the exponential from 1.78 / 3.56 to 1.40 / 1.77, near the bi-Laplacian, which has 1.57 / 1.61 without
+them. On MakeHuman's face units (``--axis head=makehuman``) the exponential goes from 1.89 / 2.54 to 1.78 / 1.94 and
+lets the lips cross in 15 % of the frames; the bi-Laplacian, on so coarse a mesh, is worse than no motion over all skin
+(5.2 against 3.7).
 
 Command: ``evalkit study run rbf-kernels --budget full``; other heads by ``--axis head=ict`` or ``--axis head=PATH``.
 """
