@@ -200,7 +200,7 @@ def test_mistakes_get_one_line(face, performance, tmp_path):
         perform(face, actions=("sneeze",))
     with pytest.raises(EvalkitError, match="marker Chin: vertex 99999999"):
         performance.capture({"Chin": 99999999})
-    with pytest.raises(EvalkitError, match="no shape .jawOpen."):
+    with pytest.raises(EvalkitError, match="no shape"):
         unit_face(face.head)
     broken = tmp_path / "broken.npz"
     broken.write_bytes(b"PK not a zip")
