@@ -90,7 +90,7 @@ def draw_head(plotter: Any, head: Head, view: View, *, without: tuple[str, ...] 
     """
     import pyvista
 
-    vertices = head.posed(jaw_deg=view.jaw_deg if head.jaw else 0.0, lids_closed=view.lids_closed if head.lids else 0.0)
+    vertices = _posed(head, view)
     texture = head.texture if view.textured and flat is None else None
     skin = _with_normals(head, vertices)
     # The pass that sorts transparent layers leaves the background's colour in pixels that an edge before the plate
