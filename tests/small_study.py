@@ -16,7 +16,7 @@ import numpy as np
 from evalkit.errors import EvalkitError
 from evalkit.seeds import generator
 from evalkit.study.description import Budget, Study
-from evalkit.study.figures import efficiency, mean, relative_to, root_mean_square
+from evalkit.study.statistics import efficiency, mean, relative_to, root_mean_square
 
 
 def prepare(seed, size, place):
@@ -69,7 +69,7 @@ study = Study(
     score=score,
     columns={"error": "rms error", "bound": "its bound", "word": "a text"},
     machine={"process": "number of the process"},
-    figures=(
+    statistics=(
         root_mean_square("error", "error", "mm"),
         efficiency("error", "bound"),
         relative_to("error", "first", "over first"),

@@ -50,7 +50,7 @@ def value(table, method, figure, **where):
     (found,) = (
         row["value"]
         for row in table.summary
-        if (row["method"], row["figure"]) == (method, figure) and all(row[axis] == at for axis, at in where.items())
+        if (row["method"], row["statistic"]) == (method, figure) and all(row[axis] == at for axis, at in where.items())
     )
     return found
 
@@ -71,7 +71,7 @@ def test_question_and_finding_are_told_and_small_budgets_are_cuts(name):
     assert len(study.at("small").cells()) <= 6
     for limit in study.expected:
         assert limit.method in study.methods
-        assert limit.figure in {figure.name for figure in study.figures}
+        assert limit.statistic in {statistic.name for statistic in study.statistics}
 
 
 def test_truth_scores_zero_and_no_motion_the_size_of_the_motion(take):

@@ -58,7 +58,7 @@ def test_every_method_answers_with_finite_figures(tables, name):
     for row in summary:
         # What may be missing: a search that never got near the minimum, a method that predicts no rotation error.
         if not math.isfinite(row["value"]):
-            assert row["figure"] in ("evaluations to the minimum", "rotation error over stated"), row
+            assert row["statistic"] in ("evaluations to the minimum", "rotation error over stated"), row
         else:
             assert row["seeds"] > 0
 
@@ -71,12 +71,12 @@ def test_question_and_finding_are_told_in_the_files_own_words(name):
     assert "seeds" in study.finding
 
 
-def test_expectations_belong_to_figures_and_methods_of_their_study():
+def test_expectations_belong_to_statistics_and_methods_of_their_study():
     for name in CUTS:
         study = studies[name]
         for limit in study.expected:
             assert limit.method in study.methods
-            assert limit.figure in {figure.name for figure in study.figures}
+            assert limit.statistic in {statistic.name for statistic in study.statistics}
             assert all(value in study.axes[axis] for axis, value in limit.where.items())
 
 
@@ -90,7 +90,7 @@ def test_small_budgets_are_cuts_of_the_study():
 
 
 def value_of(table, method, figure):
-    (found,) = {row["value"] for row in table.summary if (row["method"], row["figure"]) == (method, figure)}
+    (found,) = {row["value"] for row in table.summary if (row["method"], row["statistic"]) == (method, figure)}
     return found
 
 

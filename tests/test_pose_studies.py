@@ -31,7 +31,7 @@ def measured(name, *methods, seeds=1, **axes):
     table = run(studies[name], None, Budget(seeds, axes, methods), jobs=1)
     varied = [axis for axis in table.study.axes if len({row[axis] for row in table.rows}) > 1]
     found = {
-        (*(row[axis] for axis in varied), row["method"], row["figure"]): row["value"]
+        (*(row[axis] for axis in varied), row["method"], row["statistic"]): row["value"]
         for row in table.summary + table.machine_summary
     }
     return found, table

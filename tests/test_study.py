@@ -20,8 +20,8 @@ import small_study
 from evalkit.errors import EvalkitError
 from evalkit.study import runner
 from evalkit.study.description import Budget, Expected
-from evalkit.study.figures import efficiency, root_mean_square, with_interval
 from evalkit.study.runner import run
+from evalkit.study.statistics import efficiency, root_mean_square, with_interval
 from evalkit.study.table import printed, read_summary, verdicts
 
 HERE = Path(__file__).resolve().parent
@@ -56,10 +56,10 @@ def test_every_cell_and_method_is_a_row(serial):
     assert all(row["seconds"] >= 0 for row in table.machine)
 
 
-def test_the_figures_are_those_of_a_plain_calculation(serial):
+def test_the_statistics_are_those_of_a_plain_calculation(serial):
     folder, table = serial
     frame = pd.read_csv(folder / "small.csv")
-    found = {(r["size"], r["place"], r["method"], r["figure"]): r for r in table.summary}
+    found = {(r["size"], r["place"], r["method"], r["statistic"]): r for r in table.summary}
     for (size, place), group in frame.groupby(["size", "place"]):
         error = {m: g.sort_values("seed")["error"].to_numpy() for m, g in group.groupby("method")}
         rms = {m: np.sqrt((e**2).mean()) for m, e in error.items()}
@@ -77,14 +77,14 @@ def test_the_figures_are_those_of_a_plain_calculation(serial):
 def test_the_interval_covers_the_truth_as_often_as_it_says():
     """500 repetitions of 30 seeds: 95 % within 3 standard errors (1 % each), less some for a percentile interval."""
     random = np.random.default_rng(1)
-    figure = root_mean_square("x", "x", "")
+    statistic = root_mean_square("x", "x", "")
     inside = 0
     for _ in range(500):
-        _, low, high, _ = with_interval(figure, random.standard_normal((30, 1)))
+        _, low, high, _ = with_interval(statistic, random.standard_normal((30, 1)))
         inside += low <= 1.0 <= high
     assert 0.87 < inside / 500 < 0.98
     # Control: the interval of something else does not.
-    assert with_interval(figure, 2.0 * random.standard_normal((30, 1)))[1] > 1.0
+    assert with_interval(statistic, 2.0 * random.standard_normal((30, 1)))[1] > 1.0
 
 
 def test_one_seed_has_no_interval():
@@ -332,7 +332,7 @@ def test_budgets_that_do_not_fit_are_refused(budget, message):
 def test_descriptions_that_contradict_themselves_are_refused():
     with pytest.raises(EvalkitError, match="'seed' names two columns"):
         replace(STUDY, columns={**STUDY.columns, "seed": "x"})
-    with pytest.raises(EvalkitError, match="figure 'error' needs the column 'error'"):
+    with pytest.raises(EvalkitError, match="statistic 'error' needs the column 'error'"):
         replace(STUDY, columns={"bound": "", "word": ""})
     with pytest.raises(EvalkitError, match="neither a number nor a text"):
         replace(STUDY, axes={"size": (None,)})

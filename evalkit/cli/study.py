@@ -53,9 +53,9 @@ def show(name: str, output: Path | None) -> None:
     click.echo(f"methods\n  {', '.join(entry.methods)}\ncolumns")
     for column, text in {**entry.columns, **entry.machine}.items():
         click.echo(f"  {column}: {text}")
-    click.echo("figures over the seeds, with bootstrap 95 % intervals")
-    for figure in entry.figures:
-        click.echo(f"  {figure.name}{', ' + figure.unit if figure.unit else ''}: {figure.text}")
+    click.echo("statistics over the seeds, with bootstrap 95 % intervals")
+    for statistic in entry.statistics:
+        click.echo(f"  {statistic.name}{', ' + statistic.unit if statistic.unit else ''}: {statistic.text}")
     click.echo(f"seeds\n  {entry.full.seeds}; small budget {entry.small.seeds}")
     click.echo(f"command\n  evalkit study run {entry.name} --budget full")
     if output is not None:

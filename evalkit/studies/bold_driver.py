@@ -17,7 +17,7 @@ from __future__ import annotations
 from typing import Any
 
 from evalkit.pivot import Pivot
-from evalkit.studies.optimisers import COLUMNS, FIGURES, Search, score_search, search_from, searched
+from evalkit.studies.optimisers import COLUMNS, STATISTICS, Search, score_search, search_from, searched
 from evalkit.studies.takes import told
 from evalkit.study.command import script
 from evalkit.study.description import Budget, Study
@@ -57,7 +57,7 @@ study = Study(
     run=run,
     score=score,
     columns=COLUMNS,
-    figures=FIGURES,
+    statistics=STATISTICS,
     full=Budget(seeds=6),
     small=Budget(seeds=2, axes={"step_mm": (10.0,)}),
 )

@@ -20,7 +20,7 @@ from __future__ import annotations
 from evalkit.compensation import Compensation
 from evalkit.studies.compensated import (
     COMPENSATION_COLUMNS,
-    COMPENSATION_FIGURES,
+    COMPENSATION_STATISTICS,
     SMOOTH,
     compensate_by,
     score_compensation,
@@ -28,7 +28,7 @@ from evalkit.studies.compensated import (
 from evalkit.studies.takes import HeadTake, head_take, told
 from evalkit.study.command import script
 from evalkit.study.description import Budget, Expected, Study
-from evalkit.study.figures import mean, root_mean_square
+from evalkit.study.statistics import mean, root_mean_square
 
 
 def prepare(seed: int, rate_hz: int, length_s: int) -> HeadTake:
@@ -53,8 +53,8 @@ study = Study(
     run=run,
     score=score_compensation,
     columns=COMPENSATION_COLUMNS,
-    figures=(
-        *COMPENSATION_FIGURES[1:],
+    statistics=(
+        *COMPENSATION_STATISTICS[1:],
         root_mean_square("pivot_mm", "pivot", "mm"),
         mean("stated", "normalised error", "", less=None),
         mean("sound", "called ok", "", less=None),

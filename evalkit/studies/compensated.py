@@ -21,7 +21,7 @@ from evalkit.metrics import (
 )
 from evalkit.published import compensate_as_published
 from evalkit.studies.takes import PAPER, HeadTake
-from evalkit.study.figures import Figure, mean, root_mean_square
+from evalkit.study.statistics import Statistic, mean, root_mean_square
 
 SMOOTH = " smooth"
 """Behind the name of a method: its rotations smoothed over time."""
@@ -76,13 +76,15 @@ REGION_COLUMNS = {
 }
 """Columns of :func:`score_regions`."""
 
-COMPENSATION_FIGURES: tuple[Figure, ...] = (
+COMPENSATION_STATISTICS: tuple[Statistic, ...] = (
     mean("posed", "frames posed", "", less=False),
     root_mean_square("rotation_deg", "rotation", "deg"),
     root_mean_square("translation_mm", "translation", "mm"),
     root_mean_square("expression_mm", "expression", "mm"),
 )
-REGION_FIGURES: tuple[Figure, ...] = tuple(root_mean_square(column, column[:-3], "mm") for column in REGION_COLUMNS)
+REGION_STATISTICS: tuple[Statistic, ...] = tuple(
+    root_mean_square(column, column[:-3], "mm") for column in REGION_COLUMNS
+)
 
 
 def _errors(data: HeadTake, result: Compensation) -> Array:

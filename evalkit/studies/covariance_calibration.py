@@ -28,7 +28,7 @@ from evalkit.pose.smooth import smooth
 from evalkit.studies.takes import SMOOTHED, HeadTake, estimate_pivot, head_take, one_per_family, told
 from evalkit.study.command import script
 from evalkit.study.description import Budget, Expected, Study
-from evalkit.study.figures import error_over_bound, mean, median
+from evalkit.study.statistics import error_over_bound, mean, median
 
 TAKES: dict[str, dict[str, float]] = {
     "talking": {},
@@ -110,7 +110,7 @@ study = Study(
         "rotation_deg": "rotation error, rms over the frames that have a pose, deg",
         "rotation_stated_deg": "what the method predicts of it, deg; empty from methods that predict nothing",
     },
-    figures=(
+    statistics=(
         mean("normalised", "normalised error², honest 1", "", less=None),
         median("normalised", "its median, honest 0.79", "", less=None),
         mean("inside_50", "inside 50 %, honest 0.5", "", less=None),

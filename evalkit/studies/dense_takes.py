@@ -20,7 +20,7 @@ from evalkit.errors import EvalkitError
 from evalkit.geometry import Array
 from evalkit.head import load_head
 from evalkit.metrics import inverted_triangles, lip_penetration_mm, vertex_error_mm
-from evalkit.study.figures import Figure, mean, root_mean_square
+from evalkit.study.statistics import Statistic, mean, root_mean_square
 
 FRAMES = 300
 """Ten seconds: every action at least once."""
@@ -173,7 +173,7 @@ DENSE_COLUMNS = {
 }
 """Columns of :func:`score_map`."""
 
-DENSE_FIGURES: tuple[Figure, ...] = (
+DENSE_STATISTICS: tuple[Statistic, ...] = (
     root_mean_square("all_mm", "all moving", "mm"),
     root_mean_square("face_mm", "face", "mm"),
     root_mean_square("lips_mm", "lips", "mm"),

@@ -23,14 +23,14 @@ from evalkit.compensation import Compensation
 from evalkit.pose import pose_estimators
 from evalkit.studies.compensated import (
     COMPENSATION_COLUMNS,
-    COMPENSATION_FIGURES,
+    COMPENSATION_STATISTICS,
     compensate_by,
     score_compensation,
 )
 from evalkit.studies.takes import HeadTake, head_take, told
 from evalkit.study.command import script
 from evalkit.study.description import Budget, Condition, Expected, Study
-from evalkit.study.figures import root_mean_square
+from evalkit.study.statistics import root_mean_square
 
 THREE_ONLY = tuple(name for name, entry in pose_estimators.items() if entry.markers is not None)
 SLOW = ("auto", "peer-kineticstoolkit")
@@ -71,8 +71,8 @@ study = Study(
     run=run,
     score=score,
     columns={**COMPENSATION_COLUMNS, "could": "share of the frames in which three or more rigid markers are seen"},
-    figures=(
-        *COMPENSATION_FIGURES,
+    statistics=(
+        *COMPENSATION_STATISTICS,
         root_mean_square("pivot_mm", "pivot", "mm"),
     ),
     full=Budget(seeds=5),

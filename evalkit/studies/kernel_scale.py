@@ -22,7 +22,7 @@ from evalkit.deform.kernels import OWN
 from evalkit.geometry import Array
 from evalkit.studies.dense_takes import (
     DENSE_COLUMNS,
-    DENSE_FIGURES,
+    DENSE_STATISTICS,
     KERNELS,
     DenseTake,
     build_map,
@@ -32,7 +32,7 @@ from evalkit.studies.dense_takes import (
 from evalkit.studies.takes import told
 from evalkit.study.command import script
 from evalkit.study.description import Budget, Study
-from evalkit.study.figures import median
+from evalkit.study.statistics import median
 
 
 def prepare(seed: int, head: str, scale: float) -> tuple[DenseTake, float]:
@@ -59,7 +59,7 @@ study = Study(
     run=run,
     score=lambda data, result: score_map(data[0], result),
     columns=DENSE_COLUMNS,
-    figures=(*DENSE_FIGURES, median("condition", "condition number", "")),
+    statistics=(*DENSE_STATISTICS, median("condition", "condition number", "")),
     full=Budget(seeds=3),
     small=Budget(
         seeds=1,

@@ -19,7 +19,7 @@ from __future__ import annotations
 from evalkit.geometry import Array
 from evalkit.studies.dense_takes import (
     DENSE_COLUMNS,
-    DENSE_FIGURES,
+    DENSE_STATISTICS,
     DenseTake,
     build_map,
     dense_face,
@@ -30,7 +30,7 @@ from evalkit.studies.dense_takes import (
 from evalkit.studies.takes import told
 from evalkit.study.command import script
 from evalkit.study.description import Budget, Study
-from evalkit.study.figures import median
+from evalkit.study.statistics import median
 
 NOISE_MM = 0.3
 """Of an ordinary capture; without it more markers could only help."""
@@ -58,7 +58,7 @@ study = Study(
     run=run,
     score=score_map,
     columns=DENSE_COLUMNS,
-    figures=(*DENSE_FIGURES, median("condition", "condition number", "")),
+    statistics=(*DENSE_STATISTICS, median("condition", "condition number", "")),
     full=Budget(seeds=3),
     small=Budget(
         seeds=1,

@@ -25,9 +25,9 @@ from evalkit.compensation import Compensation
 from evalkit.pivot.bound import rotation_bound
 from evalkit.studies.compensated import (
     COMPENSATION_COLUMNS,
-    COMPENSATION_FIGURES,
+    COMPENSATION_STATISTICS,
     REGION_COLUMNS,
-    REGION_FIGURES,
+    REGION_STATISTICS,
     SMOOTH,
     compensate_by,
     score_compensation,
@@ -36,7 +36,7 @@ from evalkit.studies.compensated import (
 from evalkit.studies.takes import HeadTake, head_take, told
 from evalkit.study.command import script
 from evalkit.study.description import Budget, Condition, Expected, Study
-from evalkit.study.figures import error_over_bound
+from evalkit.study.statistics import error_over_bound
 from evalkit.synthetic.layouts import FOREHEAD, LAYOUTS
 
 MARKERS: dict[str, tuple[str, ...]] = {
@@ -93,10 +93,10 @@ study = Study(
         **REGION_COLUMNS,
         "bound_deg": "Cramér-Rao bound of the rotation of one frame by itself, deg",
     },
-    figures=(
-        *COMPENSATION_FIGURES[1:],
+    statistics=(
+        *COMPENSATION_STATISTICS[1:],
         error_over_bound("rotation_deg", "bound_deg", "rotation over bound"),
-        *REGION_FIGURES,
+        *REGION_STATISTICS,
     ),
     full=Budget(seeds=10),
     small=Budget(seeds=1, axes={"markers": ("3 forehead", "4 with bridge", "7 with bridge", "all 23")}),

@@ -22,7 +22,7 @@ from evalkit.pivot import Pivot, pivot_estimators
 from evalkit.studies.takes import PIVOT_COLUMNS, HeadTake, head_take, score_pivot, told
 from evalkit.study.command import script
 from evalkit.study.description import Budget, Study
-from evalkit.study.figures import error_over_bound, mean, median, relative_to, root_mean_square
+from evalkit.study.statistics import error_over_bound, mean, median, relative_to, root_mean_square
 
 TERMS: dict[str, dict[str, float]] = {
     "all": {},
@@ -91,7 +91,7 @@ study = Study(
     run=run,
     score=score,
     columns={**PIVOT_COLUMNS, "astray": f"1 if the pivot is more than {ASTRAY_MM:g} mm off, else 0"},
-    figures=(
+    statistics=(
         root_mean_square("pivot_mm", "pivot error", "mm"),
         median("pivot_mm", "median error", "mm"),
         error_over_bound("pivot_mm", "bound_mm"),

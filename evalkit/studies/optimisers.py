@@ -32,7 +32,7 @@ from evalkit.studies.objective_terms import ASTRAY_MM, TERMS
 from evalkit.studies.takes import HeadTake, head_take, told
 from evalkit.study.command import script
 from evalkit.study.description import Budget, Study
-from evalkit.study.figures import mean, median, root_mean_square
+from evalkit.study.statistics import mean, median, root_mean_square
 
 SQUARED = tuple(f"nlopt-{key}" for key, (name, _) in ALGORITHMS.items() if name.startswith("LD"))
 """Searches of the squared variant, which has a minimum of its own."""
@@ -106,7 +106,7 @@ COLUMNS = {
 }
 """Columns of :func:`score_search`."""
 
-FIGURES = (
+STATISTICS = (
     median("pivot_mm", "median error", "mm"),
     root_mean_square("pivot_mm", "pivot error", "mm"),
     median("minimum_mm", "median distance to the minimum", "mm"),
@@ -160,7 +160,7 @@ study = Study(
     run=run,
     score=score,
     columns=COLUMNS,
-    figures=FIGURES,
+    statistics=STATISTICS,
     full=Budget(seeds=10),
     # Two thousand calls of the global search would take half of the time.
     small=Budget(seeds=2, axes={"start_mm": (30.0, 100.0)}, methods=tuple(m for m in SEARCHES if m != "nlopt-direct")),

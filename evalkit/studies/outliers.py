@@ -24,14 +24,14 @@ from typing import Any
 from evalkit.compensation import Compensation
 from evalkit.studies.compensated import (
     COMPENSATION_COLUMNS,
-    COMPENSATION_FIGURES,
+    COMPENSATION_STATISTICS,
     compensate_by,
     score_compensation,
 )
 from evalkit.studies.takes import HeadTake, head_take, told
 from evalkit.study.command import script
 from evalkit.study.description import Budget, Condition, Expected, Study
-from evalkit.study.figures import relative_to, root_mean_square
+from evalkit.study.statistics import relative_to, root_mean_square
 
 FAULTS = ("10 mm", "50 mm", "swap")
 """Displaced by so much on average, half of it singly and half in bursts; or labels of neighbours exchanged."""
@@ -76,8 +76,8 @@ study = Study(
     run=run,
     score=score,
     columns=COMPENSATION_COLUMNS,
-    figures=(
-        *COMPENSATION_FIGURES,
+    statistics=(
+        *COMPENSATION_STATISTICS,
         relative_to("rotation_deg", "svd", "rotation over svd"),
         root_mean_square("pivot_mm", "pivot", "mm"),
     ),

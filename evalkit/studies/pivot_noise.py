@@ -25,7 +25,7 @@ from evalkit.studies.takes import (
 )
 from evalkit.study.command import script
 from evalkit.study.description import Budget, Expected, Study
-from evalkit.study.figures import (
+from evalkit.study.statistics import (
     efficiency,
     efficiency_of_form,
     error_over_bound,
@@ -37,7 +37,7 @@ from evalkit.study.figures import (
 STILL = "joint none"
 """``joint`` told that the neck rests: the model of these takes."""
 
-FIGURES = (
+STATISTICS = (
     root_mean_square("pivot_mm", "pivot error", "mm"),
     median("pivot_mm", "median error", "mm"),
     root_mean_square("bound_mm", "bound", "mm"),
@@ -66,7 +66,7 @@ study = Study(
     run=estimate_pivot,
     score=score_pivot,
     columns=PIVOT_COLUMNS,
-    figures=FIGURES,
+    statistics=STATISTICS,
     full=Budget(seeds=40),
     small=Budget(seeds=5, axes={"noise_mm": (0.3,)}),
     expected=(

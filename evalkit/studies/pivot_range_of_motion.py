@@ -13,7 +13,7 @@ observable by its own verdict.
 Command: ``evalkit study run pivot-range-of-motion --budget full``.
 """
 
-from evalkit.studies.pivot_noise import FIGURES, STILL
+from evalkit.studies.pivot_noise import STATISTICS, STILL
 from evalkit.studies.takes import (
     PAPER,
     PIVOT_COLUMNS,
@@ -45,7 +45,7 @@ study = Study(
     run=estimate_pivot,
     score=score_pivot,
     columns=PIVOT_COLUMNS,
-    figures=FIGURES,
+    statistics=STATISTICS,
     full=Budget(seeds=16),
     small=Budget(seeds=3, axes={"range_deg": (20.0, 2.0)}),
     expected=(

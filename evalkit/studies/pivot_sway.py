@@ -37,7 +37,7 @@ from evalkit.studies.takes import (
 )
 from evalkit.study.command import script
 from evalkit.study.description import Budget, Expected, Study
-from evalkit.study.figures import error_over_bound, relative_to, root_mean_square
+from evalkit.study.statistics import error_over_bound, relative_to, root_mean_square
 
 FREE = "svd"
 """The method whose poses are those of each frame by itself: what the expression is compared with."""
@@ -68,7 +68,7 @@ study = Study(
     run=estimate_pivot,
     score=score,
     columns={**PIVOT_COLUMNS, **HEAD_COLUMNS},
-    figures=(
+    statistics=(
         root_mean_square("pivot_mm", "pivot error", "mm"),
         error_over_bound("pivot_mm", "bound_mm"),
         root_mean_square("rotation_deg", "rotation error", "deg"),

@@ -31,7 +31,7 @@ from evalkit.pose.smooth import smooth
 from evalkit.studies.takes import HeadTake, estimate_pivot, head_take, told
 from evalkit.study.command import script
 from evalkit.study.description import Budget, Condition, Expected, Study
-from evalkit.study.figures import error_over_bound, mean, root_mean_square
+from evalkit.study.statistics import error_over_bound, mean, root_mean_square
 
 NOISES = {
     "white": {},
@@ -116,7 +116,7 @@ study = Study(
         "translation_bound_mm": "bound of it for one frame by itself, sigma sqrt(3 / M), white noise, mm",
         "not_orthogonal": "largest element of |R'R - I|",
     },
-    figures=(
+    statistics=(
         root_mean_square("rotation_deg", "rotation", "deg"),
         error_over_bound("rotation_deg", "bound_deg", "over bound of one frame"),
         error_over_bound("rotation_deg", "pivot_bound_deg", "with pivot known"),

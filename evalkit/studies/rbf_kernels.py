@@ -28,7 +28,7 @@ from __future__ import annotations
 from evalkit.geometry import Array
 from evalkit.studies.dense_takes import (
     DENSE_COLUMNS,
-    DENSE_FIGURES,
+    DENSE_STATISTICS,
     KERNELS,
     STILL,
     DenseTake,
@@ -39,7 +39,7 @@ from evalkit.studies.dense_takes import (
 from evalkit.studies.takes import told
 from evalkit.study.command import script
 from evalkit.study.description import Budget, Expected, Study
-from evalkit.study.figures import median, relative_to, root_mean_square
+from evalkit.study.statistics import median, relative_to, root_mean_square
 
 WITHOUT = " alone"
 """At the end of a method: one field for all vertices, no regions."""
@@ -67,8 +67,8 @@ study = Study(
     run=run,
     score=score_map,
     columns=DENSE_COLUMNS,
-    figures=(
-        *DENSE_FIGURES,
+    statistics=(
+        *DENSE_STATISTICS,
         root_mean_square("inside_mm", "inside the mouth", "mm"),
         relative_to("lips_mm", "exponential", "lips over the paper's kernel"),
         relative_to("all_mm", "exponential", "all over the paper's kernel"),

@@ -48,7 +48,7 @@ from evalkit.pose.skin import skin_model
 from evalkit.studies.takes import told
 from evalkit.study.command import script
 from evalkit.study.description import Budget, Condition, Expected, Scalar, Study
-from evalkit.study.figures import mean, relative_to, root_mean_square
+from evalkit.study.statistics import mean, relative_to, root_mean_square
 
 AUTO = "auto"
 AND = " + "
@@ -232,7 +232,7 @@ study = Study(
         "each_mm": "the figure of every marker, mm",
         "candidates_used": "candidates without the marker, for each marker",
     },
-    figures=(
+    statistics=(
         root_mean_square("motion_mm", "motion left", "mm"),
         root_mean_square("worst_mm", "of the worst marker", "mm"),
         relative_to("motion_mm", RAW, "over raw"),

@@ -24,7 +24,7 @@ from evalkit.deform import Deformer, seam_jump, seam_treatments
 from evalkit.geometry import Array
 from evalkit.studies.dense_takes import (
     DENSE_COLUMNS,
-    DENSE_FIGURES,
+    DENSE_STATISTICS,
     FLIP_STEP,
     DenseTake,
     build_map,
@@ -34,7 +34,7 @@ from evalkit.studies.dense_takes import (
 from evalkit.studies.takes import told
 from evalkit.study.command import script
 from evalkit.study.description import Budget, Expected, Study
-from evalkit.study.figures import largest
+from evalkit.study.statistics import largest
 
 
 def prepare(seed: int, head: str, kernel: str) -> tuple[DenseTake, str]:
@@ -72,7 +72,7 @@ study = Study(
         **DENSE_COLUMNS,
         "jump_mm": "largest evalkit.deform.seam_jump of the outer skin beside the mouth corners, mm",
     },
-    figures=(largest("jump_mm", "jump at the corners", "mm"), *DENSE_FIGURES),
+    statistics=(largest("jump_mm", "jump at the corners", "mm"), *DENSE_STATISTICS),
     full=Budget(seeds=5),
     small=Budget(seeds=1, axes={"head": ("template 3000",), "kernel": ("exponential", "thin-plate")}),
     # The target for a seam that nobody sees, at the default resolution; a hard one jumps by a hundred times as much.

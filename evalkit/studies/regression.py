@@ -18,7 +18,7 @@ from evalkit.pose import Pose, pose_estimators, reference_pose
 from evalkit.studies.takes import PAPER, HeadTake, estimate_pivot, head_take, own, score_pivot, told
 from evalkit.study.command import script
 from evalkit.study.description import Budget, Condition, Study
-from evalkit.study.figures import root_mean_square
+from evalkit.study.statistics import root_mean_square
 
 QUICK = ("joint", "score", "svd", "sphere", "gamage-lasenby")
 """Pivot estimators that are measured on every preset; the searches are slow, and one preset shows if they break."""
@@ -87,7 +87,7 @@ study = Study(
     run=run,
     score=score,
     columns={"error": "rotation error, deg rms; pivot error, mm; expression error, mm rms: as the method's name says"},
-    figures=(root_mean_square("error", "error", ""),),
+    statistics=(root_mean_square("error", "error", ""),),
     full=Budget(seeds=12),
     small=Budget(seeds=2),
     applies=applies,

@@ -36,7 +36,7 @@ from evalkit.seeds import generator
 from evalkit.studies.takes import told
 from evalkit.study.command import script
 from evalkit.study.description import Budget, Study
-from evalkit.study.figures import median
+from evalkit.study.statistics import median
 from evalkit.synthetic import synthesize
 
 BASE_FRAMES = 6000
@@ -197,7 +197,7 @@ study = Study(
         "peak_mb": "peak of the resident memory above what the process held with the take loaded, MB",
         "multiple": "the same in multiples of the take's positions, 23 x 3 x 8 bytes a frame",
     },
-    figures=(
+    statistics=(
         median("us_per_frame", "time a frame", "µs"),
         median("slope", "slope", ""),
         median("peak_mb", "peak", "MB"),

@@ -25,9 +25,9 @@ from evalkit.compensation import Compensation
 from evalkit.leak import expression_leak
 from evalkit.studies.compensated import (
     COMPENSATION_COLUMNS,
-    COMPENSATION_FIGURES,
+    COMPENSATION_STATISTICS,
     REGION_COLUMNS,
-    REGION_FIGURES,
+    REGION_STATISTICS,
     compensate_by,
     score_compensation,
     score_regions,
@@ -35,7 +35,7 @@ from evalkit.studies.compensated import (
 from evalkit.studies.takes import HeadTake, head_take, told
 from evalkit.study.command import script
 from evalkit.study.description import Budget, Condition, Expected, Study
-from evalkit.study.figures import mean, relative_to
+from evalkit.study.statistics import mean, relative_to
 from evalkit.synthetic.layouts import FOREHEAD
 
 TRIANGLE = "svd triangle"
@@ -80,11 +80,11 @@ study = Study(
         **REGION_COLUMNS,
         "leak": "share of the head motion that the face's motion explains beyond chance, 0 to 1",
     },
-    figures=(
-        *COMPENSATION_FIGURES[1:],
+    statistics=(
+        *COMPENSATION_STATISTICS[1:],
         relative_to("expression_mm", TRIANGLE, "expression over triangle"),
         mean("leak", "leak", ""),
-        *REGION_FIGURES,
+        *REGION_STATISTICS,
     ),
     full=Budget(seeds=5),
     small=Budget(seeds=1, axes={"layout": ("paper-23",), "slide_mm": (0, 4)}),

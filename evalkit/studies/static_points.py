@@ -18,11 +18,11 @@ import numpy as np
 
 from evalkit.deform.surface import spread_out
 from evalkit.geometry import Array
-from evalkit.studies.dense_takes import DENSE_COLUMNS, DENSE_FIGURES, DenseTake, build_map, dense_take, score_map
+from evalkit.studies.dense_takes import DENSE_COLUMNS, DENSE_STATISTICS, DenseTake, build_map, dense_take, score_map
 from evalkit.studies.takes import told
 from evalkit.study.command import script
 from evalkit.study.description import Budget, Expected, Study
-from evalkit.study.figures import root_mean_square
+from evalkit.study.statistics import root_mean_square
 
 SHARE = 0.6
 """Share of the static centres that is on the hindbrain; the others are on the neck."""
@@ -56,7 +56,7 @@ study = Study(
     run=run,
     score=lambda data, result: score_map(data[0], result),
     columns=DENSE_COLUMNS,
-    figures=(root_mean_square("rim_mm", "drift of the rim", "mm"), *DENSE_FIGURES),
+    statistics=(root_mean_square("rim_mm", "drift of the rim", "mm"), *DENSE_STATISTICS),
     full=Budget(seeds=5),
     small=Budget(seeds=1, axes={"head": ("template 3000",), "static": (0, 20)}),
     # What the eye does not see at the rim of a mask: a tenth of what the markers err.

@@ -22,14 +22,14 @@ from __future__ import annotations
 from evalkit.compensation import Compensation
 from evalkit.studies.compensated import (
     COMPENSATION_COLUMNS,
-    COMPENSATION_FIGURES,
+    COMPENSATION_STATISTICS,
     compensate_by,
     score_compensation,
 )
 from evalkit.studies.takes import PAPER, HeadTake, head_take, told
 from evalkit.study.command import script
 from evalkit.study.description import Budget, Expected, Study
-from evalkit.study.figures import mean, relative_to, root_mean_square
+from evalkit.study.statistics import mean, relative_to, root_mean_square
 
 SURE = (("per_frame", "per-frame"), ("still", "none"))
 
@@ -66,8 +66,8 @@ study = Study(
         "per_frame": "1 if each frame's pose was left free, else 0",
         "still": "1 if the neck was taken to stand still, else 0",
     },
-    figures=(
-        *COMPENSATION_FIGURES[1:],
+    statistics=(
+        *COMPENSATION_STATISTICS[1:],
         relative_to("expression_mm", "svd", "expression over svd"),
         root_mean_square("pivot_mm", "pivot", "mm"),
         mean("stated", "normalised error", "", less=None),

@@ -26,7 +26,7 @@ from evalkit.studies.dense_takes import DENSE_COLUMNS, DenseTake, dense_take, sc
 from evalkit.studies.takes import told
 from evalkit.study.command import script
 from evalkit.study.description import Budget, Expected, Study
-from evalkit.study.figures import largest, median, root_mean_square
+from evalkit.study.statistics import largest, median, root_mean_square
 
 PER_MM = {"mm": 1.0, "cm": 0.1, "m": 0.001}
 
@@ -109,7 +109,7 @@ study = Study(
         "difference": "largest difference of a weight from that of the default map in mm",
         "saddle": "condition number of the paper's system with its affine part, face field, in this unit",
     },
-    figures=(
+    statistics=(
         largest("difference", "difference from mm", ""),
         median("condition", "condition number", ""),
         median("saddle", "condition of the paper's system", ""),

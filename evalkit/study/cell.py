@@ -41,7 +41,7 @@ def measure(study: Study, cell: Cell) -> tuple[Rows, Rows]:
     condition = dict(cell.condition)
     rows, machine = [], []
     with _ONE_AT_A_TIME, threadpool_limits(1), warnings.catch_warnings(), np.errstate(all="ignore"):
-        warnings.simplefilter("ignore")  # a method's complaints are in its figures; they would tear the progress bar
+        warnings.simplefilter("ignore")  # a method's complaints show in its errors; they would tear the progress bar
         data, failure = None, ""
         try:
             data = study.prepare(seed=cell.seed, **condition)

@@ -1,4 +1,4 @@
-"""What a study is: a frozen description of its axes, methods, seeds, columns and figures."""
+"""What a study is: a frozen description of its axes, methods, seeds, columns and statistics."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numbers import Real
 from typing import Any
 
 from evalkit.errors import EvalkitError
-from evalkit.study.figures import Figure
+from evalkit.study.statistics import Statistic
 
 Scalar = str | int | float | bool
 Condition = Mapping[str, Scalar]
@@ -40,11 +40,11 @@ class Budget:
 
 @dataclass(frozen=True)
 class Expected:
-    """A limit that a figure of the summary is expected to keep.
+    """A limit that a statistic of the summary is expected to keep.
 
     Attributes
     ----------
-    figure, method : str
+    statistic, method : str
     limit : float
     least : bool
         Whether the limit is a lower one.
@@ -52,7 +52,7 @@ class Expected:
         Values of axes for which it holds; axes that are not named may have any.
     """
 
-    figure: str
+    statistic: str
     method: str
     limit: float
     least: bool = False
@@ -75,7 +75,7 @@ class Study:
     ----------
     name : str
     question, finding : str
-        What is asked, and what came out, in words; figures in the finding are those of the full budget.
+        What is asked, and what came out, in words; numbers in the finding are those of the full budget.
     axes : mapping
         Axis to its values: numbers or texts, the names of the cells.
     methods : tuple of str
@@ -87,7 +87,7 @@ class Study:
         ``score(data, result) -> {column: number or text}``.
     columns : mapping
         Column to what it is, with its formula and unit; exactly those that ``score`` gives.
-    figures : tuple of Figure
+    statistics : tuple of Statistic
         Summaries over the seeds.
     full, small : Budget
     machine : mapping
@@ -111,7 +111,7 @@ class Study:
     run: Callable[[Any, str], Any]
     score: Callable[[Any, Any], Mapping[str, Any]]
     columns: Mapping[str, str]
-    figures: tuple[Figure, ...]
+    statistics: tuple[Statistic, ...]
     full: Budget
     small: Budget
     machine: Mapping[str, str] = field(default_factory=dict)
@@ -130,10 +130,10 @@ class Study:
                 if not isinstance(value, (str, Real)) or (isinstance(value, float) and not math.isfinite(value)):
                     raise EvalkitError(f"study {self.name}: {axis} = {value!r} is neither a number nor a text")
         known = {*self.columns, *self.machine, "seconds"}
-        for figure in self.figures:
-            for column in figure.columns:
+        for statistic in self.statistics:
+            for column in statistic.columns:
                 if column not in known:
-                    raise EvalkitError(f"study {self.name}: figure '{figure.name}' needs the column '{column}'")
+                    raise EvalkitError(f"study {self.name}: statistic '{statistic.name}' needs the column '{column}'")
 
     def at(self, budget: str | Budget) -> Study:
         """The study as a budget cuts it: ``small``, ``full`` or a Budget.

@@ -102,7 +102,7 @@ def provenance(study: Study) -> dict[str, Any]:
         "seeds": list(range(study.full.seeds)),
         "columns": dict(study.columns),
         "machine_columns": {"seconds": "wall time of the method's run, s", **study.machine},
-        "figures": {figure.name: figure.text for figure in study.figures},
+        "statistics": {statistic.name: statistic.text for statistic in study.statistics},
         "fingerprint": fingerprint(study),
         **environment(),
         "origins": origins(study),

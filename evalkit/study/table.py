@@ -13,11 +13,11 @@ import numpy as np
 
 from evalkit.errors import EvalkitError
 from evalkit.study.description import Expected, Study
-from evalkit.study.figures import Figure, with_interval
+from evalkit.study.statistics import Statistic, with_interval
 
 Row = dict[str, Any]
 
-SUMMARY_COLUMNS = ("method", "figure", "unit", "value", "low", "high", "standard_error", "seeds", "failed")
+SUMMARY_COLUMNS = ("method", "statistic", "unit", "value", "low", "high", "standard_error", "seeds", "failed")
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,13 +43,13 @@ class Table:
 
     @property
     def summary(self) -> list[Row]:
-        """One row per condition, method and figure; see :data:`SUMMARY_COLUMNS`."""
-        return summarised(self.study, self.rows, [f for f in self.study.figures if not _on_machine(self.study, f)])
+        """One row per condition, method and statistic; see :data:`SUMMARY_COLUMNS`."""
+        return summarised(self.study, self.rows, [f for f in self.study.statistics if not _on_machine(self.study, f)])
 
     @property
     def machine_summary(self) -> list[Row]:
         """The same of the columns that depend on the machine."""
-        return summarised(self.study, self.machine, [f for f in self.study.figures if _on_machine(self.study, f)])
+        return summarised(self.study, self.machine, [f for f in self.study.statistics if _on_machine(self.study, f)])
 
     @property
     def failed(self) -> list[Row]:
@@ -57,12 +57,12 @@ class Table:
         return [row for row in self.rows if row["status"] != "ok"]
 
 
-def _on_machine(study: Study, figure: Figure) -> bool:
-    return any(column == "seconds" or column in study.machine for column in figure.columns)
+def _on_machine(study: Study, statistic: Statistic) -> bool:
+    return any(column == "seconds" or column in study.machine for column in statistic.columns)
 
 
-def summarised(study: Study, rows: Sequence[Row], figures: Sequence[Figure]) -> list[Row]:
-    """Figures over the seeds of every condition and method; failed rows are counted, never dropped in silence."""
+def summarised(study: Study, rows: Sequence[Row], statistics: Sequence[Statistic]) -> list[Row]:
+    """Statistics over the seeds of every condition and method; failed rows are counted, never dropped in silence."""
     groups: dict[tuple[Any, ...], dict[str, dict[int, Row]]] = {}
     for row in rows:
         condition = tuple(row[axis] for axis in study.axes)
@@ -70,24 +70,24 @@ def summarised(study: Study, rows: Sequence[Row], figures: Sequence[Figure]) -> 
     out = []
     for condition, methods in groups.items():
         for method, mine in methods.items():
-            for figure in figures:
-                if figure.against and figure.against not in methods:
+            for statistic in statistics:
+                if statistic.against and statistic.against not in methods:
                     continue
-                columns = [_values(row, figure.columns) for row in mine.values()]
-                if figure.against:
-                    other = methods[figure.against]
-                    blank = dict.fromkeys(figure.columns)
+                columns = [_values(row, statistic.columns) for row in mine.values()]
+                if statistic.against:
+                    other = methods[statistic.against]
+                    blank = dict.fromkeys(statistic.columns)
                     columns = [
-                        values + _values(other.get(seed, blank), figure.columns)
+                        values + _values(other.get(seed, blank), statistic.columns)
                         for seed, values in zip(mine, columns, strict=True)
                     ]
                 array = np.array(columns, dtype=np.float64).reshape(len(mine), -1)
                 array = array[np.isfinite(array).all(axis=1)]
-                value, low, high, error = with_interval(figure, array)
+                value, low, high, error = with_interval(statistic, array)
                 out.append(
                     {
                         **dict(zip(study.axes, condition, strict=True)),
-                        "method": method, "figure": figure.name, "unit": figure.unit,
+                        "method": method, "statistic": statistic.name, "unit": statistic.unit,
                         "value": value, "low": low, "high": high, "standard_error": error,
                         "seeds": len(array), "failed": len(mine) - len(array),
                     }
@@ -110,13 +110,13 @@ def verdicts(study: Study, summary: Sequence[Row]) -> list[tuple[str, bool]]:
             met = row["value"] >= limit.limit if limit.least else row["value"] <= limit.limit
             where = ", ".join(f"{axis} {row[axis]}" for axis in study.axes)
             word = "at least" if limit.least else "at most"
-            text = f"{row['figure']} {word} {limit.limit:g} - {short(row)}"
+            text = f"{row['statistic']} {word} {limit.limit:g} - {short(row)}"
             out.append((f"{row['method']} ({where}): {text}", bool(met)))
     return out
 
 
 def _fits(row: Row, limit: Expected) -> bool:
-    same = row["figure"] == limit.figure and row["method"] == limit.method
+    same = row["statistic"] == limit.statistic and row["method"] == limit.method
     return same and all(row.get(axis) == value for axis, value in limit.where.items())
 
 
@@ -129,19 +129,19 @@ def short(row: Row) -> str:
 
 
 def printed(study: Study, summary: Sequence[Row]) -> str:
-    """The summary as text: a block per condition, a line per method, a column per figure."""
+    """The summary as text: a block per condition, a line per method, a column per statistic."""
     lines: list[str] = []
-    names = list(dict.fromkeys(row["figure"] for row in summary))
-    units = {row["figure"]: row["unit"] for row in summary}
+    names = list(dict.fromkeys(row["statistic"] for row in summary))
+    units = {row["statistic"]: row["unit"] for row in summary}
     for condition in dict.fromkeys(tuple(row[axis] for axis in study.axes) for row in summary):
         block: dict[str, dict[str, Row]] = {}
         for row in summary:
             if tuple(row[axis] for axis in study.axes) == condition:
-                block.setdefault(row["method"], {})[row["figure"]] = row
+                block.setdefault(row["method"], {})[row["statistic"]] = row
         heads = ["", *(f"{name}, {units[name]}" if units[name] else name for name in names)]
         cells = [heads]
         for method, found in block.items():
-            # A failed row has no number for any figure; a figure that does not apply to a method is no failure.
+            # A failed row has no number for any statistic; a statistic that does not apply to a method is no failure.
             failed = min(row["failed"] for row in found.values())
             note = f" ({failed} failed)" if failed else ""
             cells.append([method + note, *(short(found[name]) if name in found else "" for name in names)])
