@@ -8,8 +8,9 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 DEMO ?= demo
+FIGURES ?= figures
 
-.PHONY: demo bench test test-slow studies regress lint types check lab clean
+.PHONY: demo figures bench test test-slow studies regress lint types check lab clean
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -43,6 +44,10 @@ bench: $(VENV)/installed
 # A few studies with the small budget, under two minutes; 'evalkit study run --all' does every one in some four.
 studies: $(VENV)/installed
 	$(BIN)/evalkit study run pose-noise pivot-noise pivot-sway gaps outliers regions -o results
+
+# Every figure measured anew with the small budget; 'evalkit figures' draws those of paper_figures/ from their tables.
+figures: $(VENV)/installed
+	$(BIN)/evalkit figures --run --budget small -o $(FIGURES)
 
 regress: $(VENV)/installed
 	$(BIN)/evalkit regress

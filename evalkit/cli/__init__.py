@@ -11,6 +11,7 @@ from evalkit.cli.animate import animate
 from evalkit.cli.bench import bench
 from evalkit.cli.compensate import compensate
 from evalkit.cli.demo import demo
+from evalkit.cli.figures import figures
 from evalkit.cli.head import head
 from evalkit.cli.methods import methods
 from evalkit.cli.regress import regress
@@ -28,7 +29,7 @@ def app() -> None:
     """Facial motion capture from raw markers to expression-only motion, measured at every step."""
 
 
-for command in (demo, compensate, animate, bench, synth, study, regress, head, methods):
+for command in (demo, compensate, animate, bench, synth, study, figures, regress, head, methods):
     app.add_command(command)
 
 

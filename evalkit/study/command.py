@@ -73,15 +73,27 @@ def run_studies(
 def _cut(study: Study, budget: str, seeds: int | None, axes: Sequence[str], methods: str | None) -> Budget:
     """The budget with what the command line changes in it."""
     base = study.small if budget == "small" else study.full
-    changed: dict[str, tuple[Scalar, ...]] = dict(base.axes)
-    for setting in axes:
+    changed = {**base.axes, **chosen_axes(axes)}
+    kept = tuple(part.strip() for part in methods.split(",") if part.strip()) if methods else base.methods
+    return replace(base, axes=changed, methods=kept, seeds=seeds or base.seeds)
+
+
+def chosen_axes(settings: Sequence[str]) -> dict[str, tuple[Scalar, ...]]:
+    """Values of axes from texts of the form ``NAME=V1,V2``.
+
+    Raises
+    ------
+    EvalkitError
+        If a text is not of that form.
+    """
+    chosen: dict[str, tuple[Scalar, ...]] = {}
+    for setting in settings:
         name, equals, text = (part.strip() for part in setting.partition("="))
         values = tuple(_scalar(part.strip()) for part in text.split(",") if part.strip())
         if not equals or not values:
             raise EvalkitError(f"axis {setting!r} is not of the form NAME=V1,V2")
-        changed[name] = values
-    kept = tuple(part.strip() for part in methods.split(",") if part.strip()) if methods else base.methods
-    return replace(base, axes=changed, methods=kept, seeds=seeds or base.seeds)
+        chosen[name] = values
+    return chosen
 
 
 def _scalar(text: str) -> Scalar:
