@@ -1,4 +1,4 @@
-"""The files of a figure: ``NAME.svg`` and ``NAME.pdf``, or ``NAME.png``, and what they show: ``NAME.csv``, ``NAME.json``."""
+"""The files of a figure: ``NAME.svg`` and ``NAME.pdf``, or ``NAME.png``; what it shows: ``NAME.csv`` and ``.json``."""
 
 from __future__ import annotations
 
