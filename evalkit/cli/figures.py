@@ -63,6 +63,7 @@ def figures(
         evalkit figures --run -o my_figures
         evalkit figures real-takes --run --axis take=a.c3d,b.c3d
     """  # fmt: skip
+    from evalkit.figures import figure_named
     from evalkit.figures import figures as known
     from evalkit.figures.files import caption
     from evalkit.results import check_output
@@ -74,7 +75,7 @@ def figures(
         return
     if run and tables is not None:
         raise click.UsageError("--run measures, --tables draws what was measured: choose one")
-    chosen = _named(names, known)
+    chosen = [figure_named(name).NAME for name in names] or list(known)
     given = chosen_axes(axes)
     check_output(output)
     failed: dict[str, str] = {}
@@ -105,15 +106,3 @@ def _one(
         return save(figure, from_csv(figure, output), output, with_table=False)
     say = lambda text: click.echo(text, err=True)  # noqa: E731
     return save(figure, measured(figure, budget, results, jobs, axes, say), output)
-
-
-def _named(names: tuple[str, ...], known: dict[str, Any]) -> list[str]:
-    """Names of figures, all of them by default."""
-    import difflib
-
-    for name in names:
-        if name not in known:
-            near = difflib.get_close_matches(name, known, n=2, cutoff=0.4)
-            hint = f"did you mean {' or '.join(near)}?" if near else f"known are {', '.join(known)}"
-            raise EvalkitError(f"figure '{name}' is not known; {hint}")
-    return list(names) or list(known)

@@ -16,6 +16,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from pathlib import Path
     from types import ModuleType
 
     figures: dict[str, ModuleType]
@@ -31,3 +32,51 @@ def __getattr__(name: str) -> Any:
         globals()["figures"] = {module.NAME: module for module in found}
         return globals()["figures"]
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def figure_named(name: str) -> ModuleType:
+    """A figure by its name.
+
+    Raises
+    ------
+    EvalkitError
+        If there is none, with the nearest names.
+    """
+    import difflib
+
+    from evalkit.errors import EvalkitError
+    from evalkit.figures import figures as known
+
+    if name not in known:
+        near = difflib.get_close_matches(name, known, n=2, cutoff=0.4)
+        hint = f"did you mean {' or '.join(near)}?" if near else f"known are {', '.join(known)}"
+        raise EvalkitError(f"figure '{name}' is not known; {hint}")
+    return known[name]
+
+
+def show(name: str, budget: str = "small", results: Path | None = None) -> Any:
+    """A figure measured here and drawn, as a notebook shows it.
+
+    Parameters
+    ----------
+    name : str
+        Of the table ``figures``.
+    budget : {"small", "full"}
+    results : Path, optional
+        Where tables of studies are kept, to go on from; nothing is written if not given.
+
+    Returns
+    -------
+    Figure or ndarray
+        Of matplotlib, or the picture (H, W, 3) of a scene.
+
+    Raises
+    ------
+    EvalkitError
+        If there is no such figure or budget, or it cannot be measured.
+    """
+    from evalkit.figures.files import draw
+    from evalkit.figures.table import measured
+
+    figure = figure_named(name)
+    return draw(figure, measured(figure, budget, results))
