@@ -8,12 +8,13 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 from contracts.faces import HALF_WIDTH, MOUTH, face
-from ict_face import ict_face
+from realdata import real_data
 
 from evalkit import EvalkitError, deformation_map, kernels
 from evalkit.deform import deformation_report, fill_missing, seam_jump, seam_treatments
 from evalkit.deform.regions import LIP_SITES
 from evalkit.deform.surface import edge_distance, edge_graph, heat_distances, spread_out
+from evalkit.dense import skin_of_ict
 
 HEAD = face()
 NAMES = list(HEAD.marker_sites)
@@ -326,7 +327,10 @@ def test_heat_distances():
 
 def test_real_expressions_lip_regions_and_surface_methods_help():
     """ICT-FaceKit's expressions from the 23 sites: errors in mm that are lower than without motion or regions."""
-    head, moves = ict_face()
+    head = skin_of_ict(real_data("meshes", "ict_facekit_subset.npz"))
+    moves = {name: np.zeros_like(head.vertices) for name in head.blendshapes}
+    for name, (which, move) in head.blendshapes.items():
+        moves[name][which] = move
     at = [int(np.argmin(np.linalg.norm(head.vertices - place, axis=1))) for place in head.marker_sites.values()]
     # Not the gaze; nor mouthClose, which closes the lips of an open jaw and is no face by itself.
     truth = np.array([move for name, move in moves.items() if not name.startswith(("eyeLook", "Pupil", "mouthClose"))])

@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 
 from evalkit import metrics
 from evalkit.deform import deformation_map
-from evalkit.dense import Turn, lip_contact, muscle_face, perform, read_ict, unit_face
+from evalkit.dense import Turn, lip_contact, muscle_face, perform, skin_of_ict, unit_face
 from evalkit.dense.face import about_x
 from evalkit.dense.face_units import hinge
 from evalkit.errors import EvalkitError
@@ -206,11 +206,11 @@ def test_mistakes_get_one_line(face, performance, tmp_path):
     broken.write_bytes(b"PK not a zip")
     for path in (broken, tmp_path / "nothing.npz"):
         with pytest.raises(EvalkitError, match=path.name):
-            read_ict(path)
+            skin_of_ict(path)
 
 
 def test_ict_acts_by_its_own_shapes():
-    head = read_ict(real_data("meshes", "ict_facekit_subset.npz"))
+    head = skin_of_ict(real_data("meshes", "ict_facekit_subset.npz"))
     acting = unit_face(head)
     count = sum(len(which) for which in head.regions.values())
     assert count == len(np.unique(np.concatenate(list(head.regions.values())))) == len(head.vertices)

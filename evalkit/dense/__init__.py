@@ -6,7 +6,7 @@ ICT-FaceKit), ``performance`` lets them act. None of it is made by :mod:`evalkit
 
 from evalkit.dense.face import Face, Turn
 from evalkit.dense.face_units import unit_face
-from evalkit.dense.ict import read_ict
+from evalkit.dense.ict import skin_of_ict
 from evalkit.dense.mouth import LipContact, lip_contact
 from evalkit.dense.muscles import muscle_face
 from evalkit.dense.performance import Performance, perform
@@ -19,6 +19,6 @@ __all__ = [
     "lip_contact",
     "muscle_face",
     "perform",
-    "read_ict",
+    "skin_of_ict",
     "unit_face",
 ]

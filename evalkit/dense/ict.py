@@ -1,21 +1,16 @@
-"""ICT-FaceKit's neutral face and expressions as a head with named shapes, from an ``.npz`` of its arrays.
-
-R. Li et al., "Learning Formation of Physically-Based Face Attributes", CVPR 2020; ICT-FaceKit,
-https://github.com/ICT-VGL/ICT-FaceKit, MIT licence. The face is read where a user has it; none of it is in here.
-"""
+"""The skin of ICT-FaceKit as a face of its own, its lips told apart by the slit between them."""
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from evalkit.deform.surface import edge_distance, edge_graph
-from evalkit.errors import EvalkitError
 from evalkit.geometry import Array
 from evalkit.head import Head, Jaw
+from evalkit.head.ict import SOURCE, blendshapes, ict_face
 from evalkit.head.model import Indices
 from evalkit.head.proportions import JAW_AXIS
 from evalkit.synthetic.layouts import PAPER_23
@@ -27,14 +22,13 @@ NECK_MM, REAR_MM = -105.0, 0.0
 """Below this height is the neck; behind this depth is the rear of the head."""
 
 
-def read_ict(path: str | Path) -> Head:
+def skin_of_ict(path: str | Path) -> Head:
     """Face and neck of ICT-FaceKit, all its expressions as blendshapes.
 
     Parameters
     ----------
     path : str or Path
-        An ``.npz`` with ``neutral`` (N, 3) and ``expressions`` (E, N, 3) in cm, ``expression_names``, ``quads``,
-        ``triangles``, and as JSON ``parts`` and ``vertex_indices``.
+        As :func:`evalkit.head.ict.ict_face` takes it.
 
     Returns
     -------
@@ -45,37 +39,24 @@ def read_ict(path: str | Path) -> Head:
     EvalkitError
         If there is no such file, or it holds something else.
     """
-    path = Path(path)
-    if not path.is_file():
-        raise EvalkitError(f"{path}: no such file")
-    try:
-        with np.load(path, allow_pickle=False) as data:
-            parts = json.loads(str(data["parts"]))
-            landmarks = np.array(json.loads(str(data["vertex_indices"]))["idx_to_landmark_verts"])
-            count = parts["head_and_neck"][1]
-            vertices = 10.0 * data["neutral"][:count].astype(np.float64)
-            quads, more = (data[name][(data[name] < count).all(axis=1)] for name in ("quads", "triangles"))
-            shapes = 10.0 * data["expressions"][:, :count].astype(np.float64) - vertices
-            names = [str(name) for name in data["expression_names"]]
-    except Exception as error:
-        # A zip that is cut short or something else altogether: numpy raises a dozen different errors.
-        raise EvalkitError(
-            f"{path}: not ICT-FaceKit arrays ({type(error).__name__}: {error})".splitlines()[0]
-        ) from error
-    triangles = np.vstack([quads[:, :3], quads[:, [0, 2, 3]], more]).astype(np.intp)
-    regions = _regions(vertices, triangles, landmarks, parts["face"][1])
-    moved = {name: np.flatnonzero(np.abs(shape).max(axis=1) > 1e-4) for name, shape in zip(names, shapes, strict=True)}
+    face = ict_face(Path(path))
+    vertices = face.vertices[: face.parts["head_and_neck"][1]]
+    triangles = face.triangles[(face.triangles < len(vertices)).all(axis=1)]
+    regions = _regions(vertices, triangles, face.landmarks, face.parts["face"][1])
     return Head(
         name="ict",
         vertices=vertices,
         triangles=triangles,
         parts={"skin": (0, len(triangles))},
         regions=regions,
-        landmarks={"mouth corner right": vertices[landmarks[48]], "mouth corner left": vertices[landmarks[54]]},
+        landmarks={
+            "mouth corner right": vertices[face.landmarks[48]],
+            "mouth corner left": vertices[face.landmarks[54]],
+        },
         marker_sites=_sites(vertices, regions),
         jaw=Jaw(JAW_AXIS, np.zeros(len(vertices))),
-        blendshapes={name: (moved[name], shape[moved[name]]) for name, shape in zip(names, shapes, strict=True)},
-        source="ICT-FaceKit, MIT licence, Copyright (c) 2020 USC Institute for Creative Technologies",
+        blendshapes=blendshapes(face.expressions, vertices),
+        source=SOURCE,
     )
 
 

@@ -29,18 +29,6 @@ from evalkit.head.model import REGIONS, SOFT, Head, Indices
 
 MESH_ENDINGS = (".obj", ".ply", ".stl", ".vtk", ".vtp", ".glb", ".gltf")
 
-ICT_LANDMARKS = {
-    "nasion": 28, "nose tip": 31, "subnasale": 34, "upper lip": 52, "lower lip": 58, "chin": 9,
-    "brow inner left": 23, "brow inner right": 22, "brow middle left": 25, "brow middle right": 20,
-    "brow outer left": 27, "brow outer right": 18, "eye inner left": 43, "eye inner right": 40,
-    "upper lid inner left": 44, "upper lid inner right": 39, "upper lid outer left": 45, "upper lid outer right": 38,
-    "eye outer left": 46, "eye outer right": 37, "lower lid outer left": 47, "lower lid outer right": 42,
-    "lower lid inner left": 48, "lower lid inner right": 41, "nose wing left": 36, "nose wing right": 32,
-    "lip peak left": 53, "lip peak right": 51, "mouth corner left": 55, "mouth corner right": 49,
-    "jaw left": 13, "jaw right": 5, "ear left": 17, "ear right": 1,
-}  # fmt: skip
-"""Landmark -> number (from 1) in the 300-W scheme, which ICT-FaceKit lists vertices for."""
-
 MEDIAPIPE_LANDMARKS = {
     "forehead": 10, "nasion": 168, "nose tip": 1, "subnasale": 2, "upper lip": 0, "lower lip": 17, "chin": 152,
     "eye inner left": 362, "eye inner right": 133, "eye outer left": 263, "eye outer right": 33,
@@ -73,10 +61,10 @@ def import_head(source: str | Path, names: str | Path | None = None) -> Head:
     path = Path(source)
     if not path.exists():
         raise EvalkitError(f"{path}: no such file or folder")
-    if path.is_dir():
-        return _ict_folder(path)
-    if path.suffix == ".npz":
-        return _ict_subset(path)
+    if path.is_dir() or path.suffix == ".npz":
+        from evalkit.head.ict import read_ict
+
+        return read_ict(path)
     if path.suffix.lower() not in MESH_ENDINGS:
         raise EvalkitError(f"{path}: '{path.suffix}' is no mesh file; known are {', '.join(MESH_ENDINGS)}")
     vertices, triangles = read_mesh(path)
@@ -250,96 +238,3 @@ def _canonical_face(path: Path, vertices: Array, triangles: Indices) -> Head:
     vertices = vertices * 10.0  # the file is in centimetres
     landmarks = {name: vertices[k] for name, k in MEDIAPIPE_LANDMARKS.items()}
     return head_by_landmarks(path.stem, vertices, triangles, landmarks, source="MediaPipe canonical face, Apache-2.0")
-
-
-def _ict_subset(path: Path) -> Head:
-    try:
-        with path.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
-            data = {name: file[name] for name in file.files}
-        facts, ranges = json.loads(str(data["vertex_indices"])), json.loads(str(data["parts"]))
-        units = dict(zip((str(n) for n in data["expression_names"]), data["expressions"], strict=True))
-        people = dict(zip((str(n) for n in data["identity_names"]), data["identities"], strict=True))
-        quads, neutral = data["quads"].astype(np.intp), data["neutral"].astype(np.float64)
-        triangles = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]], data["triangles"].astype(np.intp)])
-    except Exception as error:
-        # numpy, zipfile and json each raise their own kinds of errors on a file that is something else.
-        raise EvalkitError(f"{path}: not a head file nor the ICT-FaceKit subset ({type(error).__name__})") from error
-    return _ict(neutral, triangles, facts["idx_to_landmark_verts"], ranges, units, people)
-
-
-def _ict_folder(path: Path) -> Head:
-    """ICT-FaceKit as it is published: a folder with generic_neutral_mesh.obj, expressions, identities and indices."""
-    neutral = next(iter(sorted(path.rglob("generic_neutral_mesh.obj"))), None)
-    indices = next(iter(sorted(path.rglob("vertex_indices.json"))), None)
-    if neutral is None or indices is None:
-        raise EvalkitError(f"{path}: no ICT-FaceKit: generic_neutral_mesh.obj and vertex_indices.json are needed")
-    vertices, triangles = read_mesh(neutral)
-    units: dict[str, Array] = {}
-    people: dict[str, Array] = {}
-    for file in sorted(neutral.parent.glob("*.obj")):
-        if file == neutral:
-            continue
-        shape, _ = read_mesh(file)
-        if len(shape) != len(vertices):
-            raise EvalkitError(f"{file}: {len(shape)} vertices, the neutral face has {len(vertices)}")
-        (people if file.stem.startswith("identity") else units)[file.stem] = shape
-    facts = read_indices(indices)
-    return _ict(vertices, triangles, facts["idx_to_landmark_verts"], ICT_PARTS, units, people)
-
-
-def read_indices(path: Path) -> dict[str, Any]:
-    """ICT-FaceKit's JSON of vertex numbers.
-
-    Raises
-    ------
-    EvalkitError
-        If it lists no landmarks.
-    """
-    try:
-        facts = json.loads(path.read_text(encoding="utf-8"))
-        facts["idx_to_landmark_verts"]
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise EvalkitError(f"{path}: lists no idx_to_landmark_verts") from error
-    return dict(facts)
-
-
-ICT_PARTS = {
-    "face": [0, 9409], "head_and_neck": [9409, 11248], "mouth_socket": [11248, 13294],
-    "eye_socket_left": [13294, 13678], "eye_socket_right": [13678, 14062], "gums_and_tongue": [14062, 17039],
-    "teeth": [17039, 21451], "eyeball_left": [21451, 23021], "eyeball_right": [23021, 24591],
-}  # fmt: skip
-"""Ranges of vertices of ICT-FaceKit's mesh, from its documentation; what lies beyond (lashes, lines of the eyes) is
-left out."""
-
-
-def _ict(
-    neutral: Array,
-    triangles: Indices,
-    listed: list[int],
-    ranges: dict[str, list[int]],
-    units: dict[str, Array],
-    people: dict[str, Array],
-) -> Head:
-    ends = {"skin": ("face", "head_and_neck"), "mouth pocket": ("mouth_socket",),
-            "lids": ("eye_socket_left", "eye_socket_right"), "tongue": ("gums_and_tongue",), "teeth": ("teeth",),
-            "eyeballs": ("eyeball_left", "eyeball_right")}  # fmt: skip
-    highest = triangles.max(axis=1)
-    pieces, parts, start = [], {}, 0
-    for part, names in ends.items():
-        # A triangle across two ranges belongs to the later one.
-        chosen = np.any([(highest >= ranges[n][0]) & (highest < ranges[n][1]) for n in names], axis=0)
-        pieces.append(triangles[chosen])
-        parts[part] = (start, start + int(chosen.sum()))
-        start += int(chosen.sum())
-    count = max(end for _, end in ranges.values())
-    vertices = neutral[:count] * 10.0
-    landmarks = {name: vertices[listed[number - 1]] for name, number in ICT_LANDMARKS.items()}
-    shapes = {}
-    for name, shape in {**units, **people}.items():
-        moves = np.asarray(shape[:count], dtype=np.float64) * 10.0 - vertices
-        which = np.flatnonzero(np.abs(moves).max(axis=1) > 1e-4)
-        shapes[name] = (which, moves[which])
-    return head_by_landmarks(
-        "ICT-FaceKit", vertices, np.concatenate(pieces), landmarks, parts=parts, blendshapes=shapes,
-        source="ICT-FaceKit, MIT licence, USC Institute for Creative Technologies",
-    )  # fmt: skip

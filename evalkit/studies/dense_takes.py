@@ -15,7 +15,7 @@ import numpy as np
 from evalkit.deform import Deformer, deformation_report
 from evalkit.deform.kernels import OWN
 from evalkit.deform.surface import edge_distance, edge_graph
-from evalkit.dense import Face, LipContact, Performance, lip_contact, muscle_face, perform, read_ict, unit_face
+from evalkit.dense import Face, LipContact, Performance, lip_contact, muscle_face, perform, skin_of_ict, unit_face
 from evalkit.errors import EvalkitError
 from evalkit.geometry import Array
 from evalkit.head import load_head
@@ -61,7 +61,7 @@ def dense_face(name: str) -> Face:
         folder = os.environ.get("EVALKIT_REAL_DATA")
         if not folder:
             raise EvalkitError("head ict: set EVALKIT_REAL_DATA to the folder that holds " + "/".join(ICT_FILE))
-        return unit_face(read_ict(Path(folder, *ICT_FILE)))
+        return unit_face(skin_of_ict(Path(folder, *ICT_FILE)))
     first, _, count = name.partition(" ")
     if first == "template" and count:
         if not count.isdigit():
