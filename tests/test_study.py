@@ -19,6 +19,7 @@ import small_study
 
 from evalkit.errors import EvalkitError
 from evalkit.study import runner
+from evalkit.study.command import run_studies
 from evalkit.study.description import Budget, Expected
 from evalkit.study.runner import run
 from evalkit.study.statistics import efficiency, root_mean_square, with_interval
@@ -183,6 +184,17 @@ def test_failures_are_rows_with_their_reason(tmp_path):
     assert failed["here", "breaks"] == failed["nowhere", "mean"] == (0, 2)
     assert pd.read_csv(tmp_path / "small.csv")["status"].value_counts()["failed"] == 10
     assert "breaks (2 failed)" in printed(table.study, table.summary)
+
+
+def test_a_study_without_any_answer_is_written_and_then_an_error(tmp_path, capsys):
+    failing = replace(STUDY, methods=("refuses", "first"))
+    rest = ("small", 1, (), "refuses", 1, None, False, False)
+    with pytest.raises(EvalkitError, match=r"no method gave an answer in small \(refuses to answer\)"):
+        run_studies([failing], tmp_path, *rest)
+    assert "refuses to answer" in (tmp_path / "small.csv").read_text(encoding="utf-8")
+    # Control: one that answers is enough.
+    run_studies([replace(failing, methods=("first",))], tmp_path, "small", 1, (), None, 1, None, False, False)
+    assert "first" in capsys.readouterr().out
 
 
 def test_a_score_that_does_not_fit_its_columns_is_a_failure():

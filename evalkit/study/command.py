@@ -51,11 +51,13 @@ def run_studies(
     Raises
     ------
     EvalkitError
-        As :func:`evalkit.study.run`, or if an axis or a method is not one of the study's.
+        As :func:`evalkit.study.run`; if an axis or a method is not one of the study's; after all is written, if
+        every row of a study failed.
     """
     from evalkit.study.runner import run
 
     found: dict[str, Any] = {}
+    empty: list[str] = []
     for study in studies:
         cut = _cut(study, budget, seeds, axes, methods)
         try:
@@ -66,8 +68,12 @@ def run_studies(
         if not as_json:
             click.echo(report(table))
             click.echo(f"tables: {output / study.name}.csv, -summary.csv, -machine.csv, .json\n")
+        if len(table.failed) == len(table.rows):
+            empty.append(f"{study.name} ({table.failed[0]['message']})")
     if as_json:
         click.echo(json.dumps(_finite(found), indent=2))
+    if empty:
+        raise EvalkitError(f"no method gave an answer in {', '.join(empty)}")
 
 
 def _cut(study: Study, budget: str, seeds: int | None, axes: Sequence[str], methods: str | None) -> Budget:
