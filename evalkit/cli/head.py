@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import click
@@ -73,6 +74,77 @@ def check(source: str) -> None:
     if problems:
         raise SystemExit(1)
     click.echo(f"{source}: nothing wrong")
+
+
+@head.command()
+@click.argument("photo", type=click.Path(path_type=Path), metavar="PHOTO")
+@click.option("-o", "--output", required=True, type=click.Path(path_type=Path), metavar="HEAD", help="Folder for it.")
+@click.option("--points", type=click.Path(path_type=Path), metavar="POINTS.json", help="Where the face's points are.")
+@click.option("--weights", type=click.Path(path_type=Path), metavar="FILE", help="Of the face detector.")
+@click.option("--eyes", metavar="X,Y,X,Y", help="Middles of both eyes, pixels: a mean face is put on them.")
+@click.option("--head", "head_name", default="template", show_default=True, metavar="NAME|FILE", help="Head to fit.")
+@click.option("--json", "as_json", is_flag=True, help="Print the measures as JSON.")
+@click.option("--no-picture", is_flag=True, help="Write no contact sheet.")
+def fit(
+    photo: Path, output: Path, points: Path | None, weights: Path | None, eyes: str | None, head_name: str,
+    as_json: bool, no_picture: bool,
+) -> None:  # fmt: skip
+    """Fit the head to the face in PHOTO, taken from the front, neutral, with the mouth closed.
+
+    The points of the face are read from --points, or put as a mean face on --eyes, or found by the face detector
+    (pip install 'evalkit[vision]'; its weights: --weights or EVALKIT_LANDMARKER). Written are head.npz, points.json,
+    fit.json with the measures, and head.png, a contact sheet.
+
+    \b
+    Examples:
+        evalkit head fit me.jpg -o me
+        evalkit head fit me.jpg --points points.json -o me
+        evalkit animate take.c3d --head me -o me.mp4
+    """
+    if points is not None and eyes is not None:
+        raise click.UsageError("give either --points or --eyes")
+    from evalkit.cli.compensate import working
+    from evalkit.head import load_head
+    from evalkit.head.fitting import fit_head
+    from evalkit.head.photo import read_photo
+    from evalkit.head.points import propose_points, read_points, write_points
+    from evalkit.results import check_output, staged
+
+    check_output(output)
+    with working("reading the photo"):
+        picture = read_photo(photo)
+    with working("finding the face"):
+        chosen = propose_points(picture, _eyes(eyes), weights) if points is None else read_points(points, picture)
+    with working("making the head"):
+        generic = load_head(head_name)
+    with working("fitting it"):
+        made, report = fit_head(picture, chosen, generic)
+    facts = {"points_from": chosen.source, **report.as_dict()}
+    with staged(output) as stage:
+        made.save(stage / "head.npz")
+        write_points(stage / "points.json", chosen, picture)
+        (stage / "fit.json").write_text(json.dumps(facts, indent=2) + "\n", encoding="utf-8")
+        if not no_picture:
+            from evalkit.render.head_views import FITTED_SHEET, head_sheet_png
+
+            with working("drawing it"):
+                head_sheet_png(made, stage / "head.png", views=FITTED_SHEET, columns=5)
+        names = sorted(path.name for path in stage.iterdir())
+    written = [str(output / name) for name in names]
+    if as_json:
+        click.echo(json.dumps({**facts, "written": written}, indent=2))
+    else:
+        click.echo("\n".join([*report.lines(), *(f"wrote {path}" for path in written)]))
+
+
+def _eyes(text: str | None) -> list[list[float]] | None:
+    if text is None:
+        return None
+    try:
+        x1, y1, x2, y2 = (float(part) for part in text.split(","))
+    except ValueError:
+        raise EvalkitError(f"--eyes {text}: give four numbers x,y,x,y: the middles of both eyes in pixels") from None
+    return [[x1, y1], [x2, y2]]
 
 
 def _write(made: object, output: Path, picture: bool) -> None:

@@ -16,8 +16,8 @@ def load_head(source: str | Path = "template", *, vertices: int | None = None) -
     Parameters
     ----------
     source : str or Path
-        ``"template"``; ``"makehuman"`` after ``evalkit head get makehuman``; a head file (``.npz``); or a mesh file of
-        others as :func:`evalkit.head.importing.import_head` reads it.
+        ``"template"``; ``"makehuman"`` after ``evalkit head get makehuman``; a head file (``.npz``) or the folder
+        with its ``head.npz``; or a mesh file of others as :func:`evalkit.head.importing.import_head` reads it.
     vertices : int, optional
         Resolution of the template.
 
@@ -44,6 +44,8 @@ def load_head(source: str | Path = "template", *, vertices: int | None = None) -
         return read_head(cached_head())
     if Path(source).suffix == ".npz":
         return read_head(source)
+    if (Path(source) / "head.npz").is_file():
+        return read_head(Path(source) / "head.npz")
     from evalkit.head.importing import import_head
 
     return import_head(source)

@@ -102,6 +102,8 @@ class Head:
         Vertices that a named unit moves, and their displacements, mm.
     source : str
         Where the mesh comes from, and its licence.
+    provenance : dict
+        What else it was made from, as JSON can hold: the photo and the points of a fitted head.
     """
 
     name: str
@@ -117,6 +119,7 @@ class Head:
     texture: NDArray[np.uint8] | None = None
     blendshapes: dict[str, tuple[Indices, Array]] = field(default_factory=dict)
     source: str = ""
+    provenance: dict[str, Any] = field(default_factory=dict)
 
     def part_triangles(self, *names: str) -> Indices:
         """Triangles (N, 3) of some parts; parts that this head lacks count as empty."""
@@ -216,6 +219,7 @@ class Head:
             "format": FORMAT,
             "name": self.name,
             "source": self.source,
+            "provenance": self.provenance,
             "parts": {name: [int(a), int(b)] for name, (a, b) in self.parts.items()},
             "landmarks": {name: [float(x) for x in place] for name, place in self.landmarks.items()},
             "marker_sites": {name: [float(x) for x in place] for name, place in self.marker_sites.items()},
@@ -321,6 +325,7 @@ def _assemble(facts: dict[str, Any], arrays: dict[str, Any]) -> Head:
             for k, name in enumerate(facts["blendshapes"])
         },
         source=facts["source"],
+        provenance=facts.get("provenance", {}),
     )
 
 

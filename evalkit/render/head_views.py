@@ -61,6 +61,12 @@ SHEET = (
 )  # fmt: skip
 """Front, three-quarter, from above, profile; mouth half and wide open, lids closed, wireframe."""
 
+FITTED_SHEET = (
+    View(zoom=1.3), View(yaw_deg=20.0, zoom=1.3), View(yaw_deg=-20.0, zoom=1.3), View(jaw_deg=15.0, zoom=1.3),
+    View(lids_closed=1.0, zoom=1.3),
+)  # fmt: skip
+"""What a head fitted to a photo is judged by: front, turned to both sides, mouth open, lids closed."""
+
 
 def head_mesh(head: Head, part: str, vertices: Array) -> pyvista.PolyData:
     """One part of a head with its texture coordinates."""
