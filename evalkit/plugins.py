@@ -13,6 +13,8 @@ from dataclasses import replace
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any, TypeVar
 
+from evalkit.errors import EvalkitError
+
 Entry = TypeVar("Entry")
 
 
@@ -38,14 +40,34 @@ class Table(Mapping[str, Entry]):
 
     def __init__(self, own: Mapping[str, Entry], group: str, kind: type[Entry]) -> None:
         self._entries = dict(own)
-        self._waiting: tuple[str, type[Entry]] | None = (group, kind)
+        self._kind = kind
+        self._waiting: str | None = group
+        self._added: set[str] = set()
 
     def _loaded(self) -> dict[str, Entry]:
         if self._waiting is not None:
             # Cleared first: a plugin may look into the table while it is being loaded.
-            (group, kind), self._waiting = self._waiting, None
-            self._entries.update(plugins(group, kind, taken=self._entries))
+            group, self._waiting = self._waiting, None
+            self._entries.update(plugins(group, self._kind, taken=self._entries))
         return self._entries
+
+    def add(self, name: str, entry: Entry) -> None:
+        """Add an entry for as long as this Python runs: to try a method before it is packaged.
+
+        The same name may be added again, as when a cell of a notebook is run twice. Other processes do not know it:
+        run studies with ``jobs=1``.
+
+        Raises
+        ------
+        EvalkitError
+            If the name is taken, or the entry is of another type.
+        """
+        if name in self._loaded() and name not in self._added:
+            raise EvalkitError(f"the name '{name}' is taken; choose another one")
+        if not isinstance(entry, self._kind):
+            raise EvalkitError(f"'{name}' is of type {type(entry).__name__}; this table takes {self._kind.__name__}")
+        self._entries[name] = entry
+        self._added.add(name)
 
     def __getitem__(self, name: str) -> Entry:
         return self._loaded()[name]

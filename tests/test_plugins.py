@@ -17,6 +17,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import evalkit
+from evalkit.errors import EvalkitError
 from evalkit.pivot import OWN as OWN_PIVOTS
 from evalkit.plugins import PluginWarning, Table, plugins
 from evalkit.pose import OWN as OWN_POSES
@@ -209,6 +210,19 @@ def test_the_program_goes_on_without_broken_plugins(tmp_path):
     assert all("PluginWarning" in line and f"broken-{k} 0.1" in line for k, line in enumerate(lines))
     listed = {(row["kind"], row["name"]) for row in json.loads(ran.stdout)}
     assert listed >= {("pose", name) for name in OWN_POSES} | {("pivot", name) for name in OWN_PIVOTS}
+
+
+def test_an_entry_added_at_run_time_is_used_and_may_be_replaced():
+    table = Table({"svd": OWN_POSES["svd"]}, "evalkit.nothing", PoseEstimator)
+    first, second = OWN_POSES["horn"], OWN_POSES["qcp"]
+    table.add("mine", first)
+    table.add("mine", second)
+    assert table["mine"] is second and list(table) == ["svd", "mine"]
+    with pytest.raises(EvalkitError, match="the name 'svd' is taken"):
+        table.add("svd", first)
+    with pytest.raises(EvalkitError, match="'other' is of type function; this table takes PoseEstimator"):
+        table.add("other", first.function)
+    assert list(table) == ["svd", "mine"]
 
 
 def test_a_table_reads_like_a_dict():

@@ -101,6 +101,28 @@ def offscreen_plotter(width: int, height: int, **options: Any) -> Iterator[pyvis
     EvalkitError
         If nothing can be drawn here.
     """
+    plotter = open_plotter(width, height, **options)
+    try:
+        yield plotter
+    finally:
+        plotter.close()
+
+
+def open_plotter(width: int, height: int, **options: Any) -> pyvista.Plotter:
+    """A PyVista plotter without a window that stays open: in a notebook its ``show()`` is a view to turn and zoom.
+
+    That needs PyVista's extra ``jupyter``; without it ``show()`` displays a still picture.
+
+    Parameters
+    ----------
+    width, height, **options
+        As for :func:`offscreen_plotter`.
+
+    Raises
+    ------
+    EvalkitError
+        If nothing can be drawn here.
+    """
     require_offscreen()
     try:
         import pyvista
@@ -111,12 +133,8 @@ def offscreen_plotter(width: int, height: int, **options: Any) -> Iterator[pyvis
     if sys.platform.startswith("linux"):
         os.environ.setdefault(WINDOW_VARIABLE, "vtkEGLRenderWindow")
     try:
-        plotter = pyvista.Plotter(off_screen=True, window_size=[width, height], **options)
+        return pyvista.Plotter(off_screen=True, window_size=[width, height], **options)
     finally:
         # Windows that a user opens on his screen are none of our business.
         if before is None:
             os.environ.pop(WINDOW_VARIABLE, None)
-    try:
-        yield plotter
-    finally:
-        plotter.close()
