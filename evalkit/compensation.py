@@ -87,6 +87,19 @@ class Compensation:
         Outer iterations of the paper's alternation; empty otherwise.
     smoothing : Smoothed or None
         What smoothing did to the rotations, where it was asked for.
+
+    Examples
+    --------
+    Putting the motion back gives the take again:
+
+    >>> import numpy as np
+    >>> import evalkit
+    >>> take, truth = evalkit.synthesize("talking", frames=120)
+    >>> result = evalkit.compensate(take, truth.rigid)
+    >>> still = result.capture.points
+    >>> moved = np.einsum("fij,fmj->fmi", result.rotations, still) + result.translations[:, None]
+    >>> np.allclose(moved, take.points, rtol=0, atol=1e-6)
+    True
     """
 
     capture: Capture
@@ -175,6 +188,22 @@ def compensate(
     -----
     The undoing is ``p = R' (p' - O - s) + O``; Eq. (9) of Huang et al. (2000) has the sign of the translation
     and the pivot wrong.
+
+    Examples
+    --------
+    Ten seconds of talk with 0.3 mm of noise, three markers on the forehead: the pivot is found to a tenth of a
+    millimetre, and less than a tenth of the markers' motion is left, which is the expression.
+
+    >>> import numpy as np
+    >>> import evalkit
+    >>> take, truth = evalkit.synthesize("talking", seed=0, noise=0.3)
+    >>> result = evalkit.compensate(take, rigid=["ForeheadC", "ForeheadL", "ForeheadR"])
+    >>> result.status
+    'ok'
+    >>> round(float(np.linalg.norm(result.pivot - truth.pivot)), 2)
+    0.08
+    >>> [round(float(points.std(axis=0).mean()), 1) for points in (take.points, result.capture.points)]
+    [20.8, 1.5]
     """
     estimator = _lookup(pose_estimators, pose, "pose estimator")
     finder = _lookup(pivot_estimators, pivot, "pivot estimator")

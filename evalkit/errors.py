@@ -11,15 +11,38 @@ from enum import IntEnum
 
 
 class EvalkitError(Exception):
-    """Root of every error that a user can cause. Its text is one line."""
+    """Root of every error that a user can cause. Its text is one line.
+
+    Examples
+    --------
+    >>> import evalkit
+    >>> evalkit.load_head("nobody")
+    Traceback (most recent call last):
+    evalkit.errors.EvalkitError: nobody: no such file or folder
+    """
 
 
 class CaptureError(EvalkitError):
-    """A capture file that cannot be read or written as it stands."""
+    """A capture file that cannot be read or written as it stands.
+
+    Examples
+    --------
+    >>> import evalkit
+    >>> evalkit.read_capture("nowhere.c3d")
+    Traceback (most recent call last):
+    evalkit.errors.CaptureError: nowhere.c3d: no such file; check the path
+    """
 
 
 class FrameStatus(IntEnum):
-    """Whether the head pose of one frame is known, and if not, why."""
+    """Whether the head pose of one frame is known, and if not, why.
+
+    Examples
+    --------
+    >>> from evalkit import FrameStatus
+    >>> [status.text for status in FrameStatus]
+    ['ok', 'too-few-markers', 'collinear', 'not-converged']
+    """
 
     OK = 0
     TOO_FEW_MARKERS = 1

@@ -64,6 +64,20 @@ def compensate_as_published(
     ------
     EvalkitError
         As :func:`compensate`, and if there are not exactly three rigid markers.
+
+    Examples
+    --------
+    The pivot error, mm, of the published method and of :func:`evalkit.compensate` on the same take:
+
+    >>> import numpy as np
+    >>> import evalkit
+    >>> take, truth = evalkit.synthesize("talking", seed=0, noise=0.3)
+    >>> published = evalkit.compensate_as_published(take, truth.rigid)
+    >>> ours = evalkit.compensate(take, truth.rigid)
+    >>> [round(float(np.linalg.norm(result.pivot - truth.pivot)), 1) for result in (published, ours)]
+    [1.4, 0.1]
+    >>> len(published.outer)
+    2
     """
     pose = "translation-invariants-raw" if raw_matrix else "translation-invariants"
     chosen = choose_rigid(take, rigid, size=3)

@@ -65,6 +65,19 @@ def read_capture(path: str | os.PathLike[str]) -> Capture:
     C3D files have no checksum. Damaged samples in an otherwise well-formed file therefore cannot be told
     from data; neither can a parameter whose value was changed into another plausible one that the file
     states only once, such as the unit or a label.
+
+    Examples
+    --------
+    The talking face that comes with evalkit:
+
+    >>> import evalkit
+    >>> from evalkit.bundled import bundled_take
+    >>> capture, truth = bundled_take("talking")
+    >>> take = evalkit.read_capture(capture)
+    >>> take.points.shape, take.rate, take.unit
+    ((600, 23, 3), 60.0, 'mm')
+    >>> take.labels[:3]
+    ['ForeheadC', 'ForeheadL', 'ForeheadR']
     """
     file = Path(path)
     return _READERS[_format(file)](file)
@@ -99,6 +112,18 @@ def write_capture(take: Capture, path: str | os.PathLike[str]) -> list[str]:
     ------
     CaptureError
         If the take does not fit the format or the file cannot be written. Nothing is left behind then.
+
+    Examples
+    --------
+    Positions are millimetres in memory and in the take's own unit in the file:
+
+    >>> import evalkit
+    >>> take = evalkit.Capture([[[0, 0, 0], [0, -40, 5]]], labels=["Nose", "Chin"], rate=60, unit="cm")
+    >>> evalkit.write_capture(take, "take.csv")
+    []
+    >>> again = evalkit.read_capture("take.csv")
+    >>> again.points[0, 1], again.unit
+    (array([  0., -40.,   5.]), 'cm')
     """
     file = Path(path)
     writer = _WRITERS[_format(file)]

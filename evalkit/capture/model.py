@@ -52,6 +52,21 @@ class Capture:
     ------
     CaptureError
         If shapes, labels, rate or unit are not as above.
+
+    Examples
+    --------
+    Two frames of two markers, the second marker occluded in the second frame:
+
+    >>> import evalkit
+    >>> gone = [float("nan")] * 3
+    >>> take = evalkit.Capture([[[0, 0, 0], [0, -40, 5]], [[1, 0, 0], gone]], labels=["Nose", "Chin"], rate=50)
+    >>> take.frames, take.unit, take.indices(["Chin"])
+    (2, 'mm', [1])
+    >>> take.times
+    array([0.  , 0.02])
+    >>> take.visible
+    array([[ True,  True],
+           [ True, False]])
     """
 
     points: NDArray[np.float64]

@@ -1,4 +1,13 @@
-"""Kernels: how far and how smoothly a marker's displacement reaches. One function, one line in the table."""
+"""Kernels: how far and how smoothly a marker's displacement reaches. One function, one line in the table.
+
+Examples
+--------
+>>> import evalkit
+>>> list(evalkit.kernels)[:3]
+['exponential', 'gaussian', 'multiquadric']
+>>> evalkit.kernels["thin-plate"].order
+2
+"""
 
 from __future__ import annotations
 
@@ -56,6 +65,16 @@ class Kernel:
         ``Sites -> (V, N)`` for a method that is not made of radial functions.
     origin : str
         The distribution that brought the entry, if it is not evalkit.
+
+    Examples
+    --------
+    The paper's kernel falls to 1/e at its scale, which is the distance between the eyes:
+
+    >>> import numpy as np
+    >>> import evalkit
+    >>> kernel = evalkit.kernels["exponential"]
+    >>> kernel.scale, kernel.phi(np.array([0.0, 1.0])).round(3)
+    (1.0, array([1.   , 0.368]))
     """
 
     phi: Callable[[Array], Array] | None

@@ -172,6 +172,24 @@ def deformation_map(
     References
     ----------
     Huang, Lin & Ouhyoung 2000, section 4.1, Eq. (10-11), and section 4.2.
+
+    Examples
+    --------
+    The left brow goes up by 5 mm; the skin beside that marker follows, the chin and the other brow stay:
+
+    >>> import numpy as np
+    >>> import evalkit
+    >>> head = evalkit.load_head("template")
+    >>> sites = list(head.marker_sites)
+    >>> weights = evalkit.deformation_map(head, sites, kernel="exponential")
+    >>> weights.shape
+    (11272, 23)
+    >>> displacements = np.zeros((23, 3))
+    >>> displacements[sites.index("BrowInL")] = 0, 5, 0
+    >>> moved = weights @ displacements
+    >>> near = head.nearest_vertices(head.marker_sites)
+    >>> [round(float(moved[near[name], 1]), 1) + 0 for name in ("BrowInL", "BrowInR", "Chin")]
+    [4.9, 0.0, 0.0]
     """
     return deformation_report(
         head, centres, kernel, regions, static, seam=seam, scale_mm=scale_mm, ramp_mm=ramp_mm

@@ -29,6 +29,17 @@ def load_head(source: str | Path = "template", *, vertices: int | None = None) -
     ------
     EvalkitError
         If there is no such head, or a number of vertices is asked of a file.
+
+    Examples
+    --------
+    >>> import evalkit
+    >>> head = evalkit.load_head("template")
+    >>> head.vertices.shape, head.triangles.shape
+    ((11272, 3), (21888, 3))
+    >>> len(head.marker_sites), list(head.marker_sites)[:3]
+    (23, ['ForeheadC', 'ForeheadL', 'ForeheadR'])
+    >>> list(head.regions)
+    ['hindbrain', 'neck', 'face', 'upper lip', 'lower lip']
     """
     if str(source) == "template":
         from evalkit.head.template import DEFAULT_VERTICES, make_template

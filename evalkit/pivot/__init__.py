@@ -1,4 +1,18 @@
-"""Centre of rotation of the head: one file per family of estimators, one line each in the table below."""
+"""Centre of rotation of the head: one file per family of estimators, one line each in the table below.
+
+Examples
+--------
+>>> import evalkit
+>>> take, truth = evalkit.synthesize("clean", frames=60)
+>>> rigid = take.indices(truth.rigid)
+>>> points = take.points[:, rigid]
+>>> pose = evalkit.pose_estimators["svd"](truth.neutral[rigid], points)
+>>> pivot = evalkit.pivot_estimators["score"](points, pose, initial=points.mean(axis=(0, 1)), reference="mean")
+>>> pivot.status, pivot.position.round(3)
+('ok', array([ 140., 1460.,  260.]))
+>>> truth.pivot
+array([ 140., 1460.,  260.])
+"""
 
 from evalkit.peers.pivot import pivot_peers
 from evalkit.pivot.algebraic import score, svd
