@@ -77,16 +77,16 @@ def _faces(take: Capture, rigid: Sequence[str], folder: Path) -> list[str]:
     from evalkit import animation
     from evalkit.head import load_head
     from evalkit.head.makehuman import cached_head
-    from evalkit.render.face_figures import snapshots
+    from evalkit.render.face_figures import snapshots_of
     from evalkit.render.playback import write_video
 
     try:
         made = animation.animate(take, load_head("template"), rigid=rigid, fps=VIDEO_HZ)
         write_video(made, folder / "face.mp4", size=VIDEO_SIZE)
-        Image.fromarray(snapshots(made)).save(folder / "face.png")
+        Image.fromarray(snapshots_of(made)).save(folder / "face.png")
         if cached_head().exists():
             other = animation.animate(take, load_head("makehuman"), rigid=rigid, fps=VIDEO_HZ)
-            Image.fromarray(snapshots(other)).save(folder / "face-makehuman.png")
+            Image.fromarray(snapshots_of(other)).save(folder / "face-makehuman.png")
     except EvalkitError as error:
         return [f"the head was not drawn: {error}"]
     return []

@@ -21,7 +21,22 @@ if TYPE_CHECKING:
 
     figures: dict[str, ModuleType]
 
-MODULES = ("pivot_noise",)
+MODULES = (
+    "huang_1",
+    "huang_3",
+    "huang_4",
+    "huang_5",
+    "pose_noise",
+    "pivot_noise",
+    "pivot_range_of_motion",
+    "pivot_sway",
+    "reference",
+    "optimiser_race",
+    "angle_term",
+    "bold_driver",
+    "covariance_calibration",
+    "real_takes",
+)
 """Files of this folder that are figures, in the order of the paper that they would make; ``figures`` is the table of
 them, name to module. They are imported when it is first looked at."""
 

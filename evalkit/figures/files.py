@@ -55,7 +55,9 @@ def save(figure: ModuleType, table: Table, folder: Path, with_table: bool = True
         if isinstance(picture, np.ndarray):
             from PIL import Image
 
-            Image.fromarray(picture).save(stage / f"{figure.NAME}.png", optimize=True)
+            # A palette halves the file, and differs by one part in 255 on average.
+            scene = Image.fromarray(picture).quantize(256, Image.Quantize.MEDIANCUT, kmeans=1, dither=Image.Dither.NONE)
+            scene.save(stage / f"{figure.NAME}.png", optimize=True)
         else:
             for kind in VECTOR:
                 (stage / f"{figure.NAME}.{kind}").write_bytes(vector(picture, kind))

@@ -5,9 +5,9 @@ They show what Fig. 1, 3, 4 (b) and 5 of Huang, Lin & Ouhyoung (2000) show.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +31,28 @@ TRIANGLE = ("ForeheadC", "ForeheadL", "ForeheadR")
 VIEWS_DEG = ((0.0, 0.0), (24.0, 0.0), (-24.0, 0.0), (12.0, -12.0), (-15.0, 12.0), (0.0, 0.0), (20.0, 0.0))
 """Yaw and pitch of the snapshots (a) to (g): within the 30 degrees that a 2.5D head bears."""
 
+MODEL_VIEW = View(yaw_deg=24.0, pitch_deg=6.0)
+"""Of the model and its wireframe."""
+
 SHEET_FRAMES = 12
+
+FONT = 34
+"""The letters of names are so many times lower than a picture: 6 points, where the picture is 2.8 inches high."""
+
+LETTERS = "abcdefghijklmnop"
+
+
+class Window(NamedTuple):
+    """What a picture in parallel projection shows: its middle (3,), mm, and half of its height, mm."""
+
+    middle: Array
+    half_mm: float
+
+    @classmethod
+    def around(cls, points: Array) -> Window:
+        """All of some points (n, 3), with room about them."""
+        low, high = points.min(axis=0), points.max(axis=0)
+        return cls((low + high) / 2, float((high - low).max()) * 0.62)
 
 
 def write_snapshots(animation: Animation, directory: Path) -> list[str]:
@@ -44,105 +65,144 @@ def write_snapshots(animation: Animation, directory: Path) -> list[str]:
     """
     from PIL import Image as Pillow
 
-    drawings: dict[str, Callable[[Animation], Image]] = {
-        "markers.png": lambda made: _beside([markers_in_space(made), markers_on_face(made)]),
-        "head.png": lambda made: _beside([head_model(made.head), plate_wireframe(made.head)]),
-        "landmarks.png": lambda made: feature_points(made.head),
-        "snapshots.png": snapshots,
-        "sheet.png": contact_sheet,
+    head = animation.head
+    drawings: dict[str, Callable[[], Image]] = {
+        "markers.png": lambda: beside(_markers_in_space(animation), _markers_on_face(animation)),
+        "head.png": lambda: beside(head_model(head), plate_wireframe(head)),
+        "landmarks.png": lambda: feature_points(head, head.landmarks),
+        "snapshots.png": lambda: snapshots_of(animation),
+        "sheet.png": lambda: contact_sheet(animation),
     }
     for name, draw in drawings.items():
-        Pillow.fromarray(draw(animation)).save(directory / name, optimize=True)
+        Pillow.fromarray(draw()).save(directory / name, optimize=True)
     return list(drawings)
 
 
-def markers_in_space(animation: Animation) -> Image:
-    """The markers at rest with the edges between neighbours and to the pivot, as Fig. 1 (a)."""
+def _markers_in_space(animation: Animation) -> Image:
+    places = np.nanmedian(animation.still_markers, axis=0)
+    return markers_in_space(dict(zip(animation.report["marker_order"], places, strict=True)), animation.pivot)
+
+
+def _markers_on_face(animation: Animation) -> Image:
+    sites = animation.head.marker_sites
+    return markers_on_face(
+        animation.head, {name: sites[name] for name in animation.report["markers"] if name in sites},
+        [animation.placed[label] for label in animation.report["placed"]],
+    )  # fmt: skip
+
+
+def markers_in_space(places: Mapping[str, Array], pivot: Array | None, window: Window | None = None) -> Image:
+    """The markers at rest with the edges between neighbours, the triangle on the forehead, and the pivot; Fig. 1 (a).
+
+    Parameters
+    ----------
+    places : mapping of str to ndarray, shape (3,), mm
+        Marker to where it is at rest; those of :data:`TRIANGLE` are the rigid ones.
+    pivot : ndarray, shape (3,), mm, or None
+    window : Window, optional
+        What is in the picture; by default, all of it.
+    """
     import pyvista
 
-    places = np.nanmedian(animation.still_markers, axis=0)
-    names = animation.report["marker_order"]
-    rigid = [names.index(name) for name in TRIANGLE if name in names]
-    lines = [(places[a], places[b]) for a, b in face_edges(places)]
-    pivot = animation.pivot
-    with offscreen_plotter(SIZE, SIZE, border=False) as plotter:
-        _background(plotter, "white")
-        for a, b in lines:
-            plotter.add_mesh(pyvista.Line(a, b), color=colours.GREY, line_width=2, lighting=False)
-        plotter.add_mesh(_balls(np.delete(places, rigid, axis=0), 2.4), color=colours.FREE, smooth_shading=True)
-        everything = places
+    points = np.array(list(places.values()))
+    rigid = [k for k, name in enumerate(places) if name in TRIANGLE]
+    everything = points if pivot is None else np.vstack([points, pivot])
+    middle, half = window or Window.around(everything)
+    with offscreen_plotter(3 * SIZE // 4, SIZE, border=False) as plotter:
+        plotter.set_background("white")
+        for a, b in face_edges(points):
+            plotter.add_mesh(pyvista.Line(points[a], points[b]), color=colours.GREY, line_width=2, lighting=False)
+        free = np.delete(points, rigid, axis=0)
+        if len(free):
+            plotter.add_mesh(_balls(free, 2.4), color=colours.FREE, smooth_shading=True)
         if rigid:
-            plotter.add_mesh(_balls(places[rigid], 3.0), color=colours.RIGID, smooth_shading=True)
+            plotter.add_mesh(_balls(points[rigid], 3.0), color=colours.RIGID, smooth_shading=True)
+        if len(rigid) == 3:
+            plotter.add_mesh(pyvista.Triangle(points[rigid]), color=colours.RIGID, opacity=0.35, lighting=False)
         if pivot is not None:
-            everything = np.vstack([places, pivot])
-            for k in rigid or range(len(places)):
-                plotter.add_mesh(pyvista.Line(places[k], pivot), color=colours.RIGID, line_width=2, lighting=False)
+            for k in rigid or range(len(points)):
+                plotter.add_mesh(pyvista.Line(points[k], pivot), color=colours.RIGID, line_width=2, lighting=False)
             plotter.add_mesh(pyvista.Sphere(radius=4.0, center=pivot), color=colours.BLACK, smooth_shading=True)
-        middle = (everything.min(axis=0) + everything.max(axis=0)) / 2
-        half = float((everything.max(axis=0) - everything.min(axis=0)).max()) * 0.62
-        side = rotation_from_vector(np.deg2rad([-8.0, 0.0, 0.0])) @ rotation_from_vector(np.deg2rad([0.0, 48.0, 0.0]))
+        side = _rotation(48.0, -8.0)
         plotter.camera.parallel_projection = True
         plotter.camera.position = middle + 8.0 * half * side[:, 2]
         plotter.camera.focal_point = middle
         plotter.camera.up = (0.0, 1.0, 0.0)
         plotter.camera.parallel_scale = half
         plotter.camera.clipping_range = (half, 20.0 * half)
-        if pivot is not None:
-            plotter.add_point_labels(
-                (pivot - [0.0, 0.08 * half, 0.0])[None], ["pivot"], font_size=22, text_color="black", shape=None,
-                show_points=False, always_visible=True,
-            )  # fmt: skip
-        return _lettered(_taken(plotter), "(a)")
+        picture, at = _taken(plotter), _seen_at(plotter, {} if pivot is None else {"pivot": pivot})
+    return _with_scale_bar(_worded(picture, at), 2.0 * half / SIZE)
 
 
-def markers_on_face(animation: Animation) -> Image:
-    """Where the markers sit on the head, their names beside it, as Fig. 1 (b)."""
-    sites = animation.head.marker_sites
-    names = [name for name in animation.report["markers"] if name in sites]
-    others = [animation.placed[label] for label in animation.report["placed"]]
-    triangle = [sites[name] for name in TRIANGLE if name in names]
-    picture, at = _face_with_points(
-        animation.head, {name: sites[name] for name in names}, triangle=triangle, others=others
-    )
-    return _lettered(_named(picture, at), "(b)")
+def markers_on_face(head: Head, sites: Mapping[str, Array], others: Sequence[Array] = ()) -> Image:
+    """Where the markers sit on a head, their names beside it, as Fig. 1 (b); markers without a name in another colour.
+
+    Parameters
+    ----------
+    head : Head
+    sites : mapping of str to ndarray, shape (3,), mm
+    others : sequence of ndarray, shape (3,), mm
+    """
+    triangle = [sites[name] for name in TRIANGLE if name in sites]
+    return _named(*_face_with_points(head, sites, triangle=triangle, others=others))
 
 
-def head_model(head: Head) -> Image:
-    """The 2.5D head, as Fig. 3 (a)."""
+def head_model(head: Head, parts: Collection[str] | None = None) -> Image:
+    """The 2.5D head, as Fig. 3 (a); all parts by default."""
     with offscreen_plotter(SIZE, SIZE, border=False) as plotter:
-        _background(plotter, BACKGROUND)
-        draw_head(plotter, head, View(yaw_deg=24.0, pitch_deg=6.0))
-        return _lettered(_taken(plotter), "(a)")
+        plotter.set_background(BACKGROUND)
+        draw_head(plotter, head, MODEL_VIEW, without=_lacking(head, parts))
+        return _upright(_taken(plotter))
 
 
-def plate_wireframe(head: Head) -> Image:
-    """The wireframe with the hair in the plate behind it, as Fig. 3 (b)."""
-    view = View(yaw_deg=24.0, pitch_deg=6.0)
+def plate_wireframe(head: Head, parts: Collection[str] | None = None) -> Image:
+    """The wireframe with the hair in the plate behind it, as Fig. 3 (b); all parts by default."""
     with offscreen_plotter(SIZE, SIZE, border=False) as plotter:
-        _background(plotter, BACKGROUND)
-        draw_head(plotter, head, view, without=tuple(part for part in head.parts if part != "plate"))
-        draw_head(plotter, head, view._replace(wireframe=True))
-        return _lettered(_taken(plotter), "(b)")
+        plotter.set_background(BACKGROUND)
+        lacking = _lacking(head, parts)
+        if "plate" not in lacking:
+            draw_head(plotter, head, MODEL_VIEW, without=tuple(part for part in head.parts if part != "plate"))
+        draw_head(plotter, head, MODEL_VIEW._replace(wireframe=True), without=lacking)
+        return _upright(_taken(plotter))
 
 
-def feature_points(head: Head) -> Image:
-    """The head with the points that are placed on a photo, as Fig. 4 (b)."""
-    picture, at = _face_with_points(head, head.landmarks)
-    return _named(picture, at)
+def _lacking(head: Head, parts: Collection[str] | None) -> tuple[str, ...]:
+    return () if parts is None else tuple(part for part in head.parts if part not in parts)
 
 
-def snapshots(animation: Animation) -> Image:
-    """Several views and mouth shapes of the take, and the wireframe, as Fig. 5 (a) to (g)."""
-    frames = telling_frames(animation)
-    vertices = animation.vertices(frames)
+def feature_points(head: Head, points: Mapping[str, Array]) -> Image:
+    """The head with the points (3,), mm, that are placed on a photo, as Fig. 4 (b)."""
+    return _named(*_face_with_points(head, points))
+
+
+def snapshots_of(animation: Animation) -> Image:
+    """Telling frames of an animation, as Fig. 5."""
+    return snapshots(animation.head, animation.vertices(telling_frames(animation)))
+
+
+def snapshots(
+    head: Head, vertices: Array, views_deg: Sequence[tuple[float, float]] = VIEWS_DEG, size: int | None = None
+) -> Image:
+    """Several views and mouth shapes, the last one as a wireframe, as Fig. 5 (a) to (g).
+
+    Parameters
+    ----------
+    head : Head
+    vertices : ndarray, shape (f, V, 3), mm
+        One frame for each view.
+    views_deg : sequence of (float, float)
+        Yaw and pitch of each.
+    size : int, optional
+        Height of each, pixels; :data:`SIZE` by default.
+    """
     pictures = []
-    for wireframe, which in ((False, range(6)), (True, range(6, 7))):
-        with HeadScene(animation.head, (SIZE, SIZE), multisamples=8, wireframe=wireframe) as scene:
+    size, last = size or SIZE, len(views_deg) - 1
+    for wireframe, which in ((False, range(last)), (True, range(last, last + 1))):
+        with HeadScene(head, (size, size), multisamples=8, wireframe=wireframe) as scene:
             for k in which:
-                scene.pose(*_turned(animation.head, *VIEWS_DEG[k]))
-                pictures.append(_lettered(_upright(scene.frame(vertices[k])), f"({'abcdefg'[k]})"))
-    blank = np.broadcast_to(pictures[0][-1, -1], pictures[0].shape)
-    return np.concatenate([np.concatenate(pictures[:4], axis=1), np.concatenate([*pictures[4:], blank], axis=1)])
+                scene.pose(*_turned(head, *views_deg[k]))
+                pictures.append(_upright(scene.frame(vertices[k])))
+    return in_rows(pictures, 4)
 
 
 def telling_frames(animation: Animation) -> list[int]:
@@ -175,40 +235,41 @@ def contact_sheet(animation: Animation, columns: int = 4) -> Image:
         for k, frame in enumerate(frames):
             scene.pose(animation.rotations[frame], animation.translations[frame])
             seconds = frame / animation.rate_hz
-            pictures.append(_lettered(_upright(scene.frame(vertices[k])), f"{seconds:.2f} s", small=True))
-    while len(pictures) % columns:
-        pictures.append(np.full_like(pictures[0], 255))
-    rows = [np.concatenate(pictures[k : k + columns], axis=1) for k in range(0, len(pictures), columns)]
-    return np.concatenate(rows)
+            pictures.append(_titled(_upright(scene.frame(vertices[k])), f"{seconds:.2f} s", SIZE // 30))
+    return _filled(pictures, columns)
 
 
 def _face_with_points(
-    head: Head, points: Mapping[str, Array], *, triangle: list[Array] | None = None, others: list[Array] | None = None
+    head: Head, points: Mapping[str, Array], *, triangle: Sequence[Array] = (), others: Sequence[Array] = ()
 ) -> tuple[Image, dict[str, Array]]:
     """The head from the front with dots on it, and where in the picture the named ones are."""
     import pyvista
 
     lift = np.array([0.0, 0.0, 2.0])
     with offscreen_plotter(SIZE, SIZE, border=False) as plotter:
-        _background(plotter, BACKGROUND)
+        plotter.set_background(BACKGROUND)
         draw_head(plotter, head, View())
         places = np.array(list(points.values()))
-        if triangle and len(triangle) == 3:
+        if len(triangle) == 3:
             corners = np.array(triangle) + 2.0 * lift
             for a, b in ((0, 1), (1, 2), (2, 0)):
                 plotter.add_mesh(pyvista.Line(corners[a], corners[b]), color="white", line_width=4, lighting=False)
-        plotter.add_mesh(_balls(places + lift, 1.8), color="white", lighting=False)
-        plotter.add_mesh(_balls(places + 1.2 * lift, 1.1), color=colours.VERMILION, lighting=False)
-        if others:
+        plotter.add_mesh(_balls(places + lift, 2.2), color="white", lighting=False)
+        plotter.add_mesh(_balls(places + 2.0 * lift, 1.4), color=colours.VERMILION, lighting=False)
+        if len(others):
             plotter.add_mesh(_balls(np.array(others) + lift, 1.3), color=colours.SKY, lighting=False)
-        picture = _taken(plotter)
-        at = {}
-        for name, place in points.items():
-            plotter.renderer.SetWorldPoint(*place, 1.0)
-            plotter.renderer.WorldToDisplay()
-            x, y, _ = plotter.renderer.GetDisplayPoint()
-            at[name] = np.array([x, SIZE - 1 - y])
-    return picture, at
+        return _taken(plotter), _seen_at(plotter, points)
+
+
+def _seen_at(plotter: Any, points: Mapping[str, Array]) -> dict[str, Array]:
+    """Where in the picture, in pixels from its upper left, points (3,) are."""
+    at = {}
+    for name, place in points.items():
+        plotter.renderer.SetWorldPoint(*place, 1.0)
+        plotter.renderer.WorldToDisplay()
+        x, y, _ = plotter.renderer.GetDisplayPoint()
+        at[name] = np.array([x, SIZE - 1 - y])
+    return at
 
 
 def _named(picture: Image, at: Mapping[str, Array]) -> Image:
@@ -216,8 +277,8 @@ def _named(picture: Image, at: Mapping[str, Array]) -> Image:
     from PIL import Image as Pillow
     from PIL import ImageDraw
 
-    size, side = picture.shape[0], 200
-    font = size // 48
+    size, side = picture.shape[0], 17 * picture.shape[0] // 60
+    font = size // FONT
     sheet = Pillow.new("RGB", (picture.shape[1] + 2 * side, size), BACKGROUND)
     sheet.paste(Pillow.fromarray(picture), (side, 0))
     draw = ImageDraw.Draw(sheet)
@@ -276,10 +337,14 @@ def _spread(wanted: Array, apart: float, size: int) -> Array:
 def _turned(head: Head, yaw_deg: float, pitch_deg: float) -> tuple[Array, Array]:
     """Motion that turns the head about its middle."""
     middle = (head.vertices.min(axis=0) + head.vertices.max(axis=0)) / 2
-    rotation = rotation_from_vector(np.deg2rad([pitch_deg, 0.0, 0.0])) @ rotation_from_vector(
-        np.deg2rad([0.0, yaw_deg, 0.0])
-    )
+    rotation = _rotation(yaw_deg, pitch_deg)
     return rotation, middle - rotation @ middle
+
+
+def _rotation(yaw_deg: float, pitch_deg: float) -> Array:
+    """Yaw about y, then pitch about x."""
+    yaw, pitch = np.deg2rad([yaw_deg, pitch_deg])
+    return rotation_from_vector(np.array([pitch, 0.0, 0.0])) @ rotation_from_vector(np.array([0.0, yaw, 0.0]))
 
 
 def _balls(points: Array, radius: float) -> Any:
@@ -287,10 +352,6 @@ def _balls(points: Array, radius: float) -> Any:
 
     ball = pyvista.Sphere(radius=radius, theta_resolution=20, phi_resolution=20)
     return pyvista.PolyData(np.asarray(points, dtype=np.float64)).glyph(geom=ball, scale=False, orient=False)
-
-
-def _background(plotter: Any, colour: str) -> None:
-    plotter.set_background(colour)
 
 
 def _taken(plotter: Any) -> Image:
@@ -304,15 +365,54 @@ def _upright(picture: Image) -> Image:
     return picture[:, edge:-edge]
 
 
-def _lettered(picture: Image, text: str, small: bool = False) -> Image:
+def beside(*pictures: Image) -> Image:
+    """Pictures of one height in a row, lettered (a), (b) and so on."""
+    return np.concatenate(_lettered(pictures), axis=1)
+
+
+def in_rows(pictures: Sequence[Image], columns: int) -> Image:
+    """Pictures of one size in rows, lettered (a), (b) and so on."""
+    return _filled(_lettered(pictures), columns)
+
+
+def _filled(pictures: Sequence[Image], columns: int) -> Image:
+    """Pictures of one size in rows, the last of them filled up with the background."""
+    blank = np.broadcast_to(pictures[0][-1, -1], pictures[0].shape)
+    every = [*pictures, *[blank] * (-len(pictures) % columns)]
+    rows = [np.concatenate(every[k : k + columns], axis=1) for k in range(0, len(every), columns)]
+    return np.concatenate(rows)
+
+
+def _lettered(pictures: Sequence[Image]) -> list[Image]:
+    return [_titled(one, f"({letter})", len(one) // 22) for one, letter in zip(pictures, LETTERS, strict=False)]
+
+
+def _titled(picture: Image, text: str, font: int) -> Image:
+    """A text at the upper left."""
+    return _worded(picture, {text: np.array([0.6 * font, 0.4 * font])}, "la", font)
+
+
+def _worded(picture: Image, at: Mapping[str, Array], anchor: str = "mt", font: int = 0) -> Image:
+    """Words at places in a picture; by default below them."""
     from PIL import Image as Pillow
     from PIL import ImageDraw
 
     sheet = Pillow.fromarray(np.ascontiguousarray(picture))
-    size = sheet.height
-    ImageDraw.Draw(sheet).text((size // 40, size // 50), text, fill="black", font_size=size // (18 if small else 24))
+    for text, (x, y) in at.items():
+        below = 0.02 * SIZE if anchor == "mt" else 0.0
+        ImageDraw.Draw(sheet).text((x, y + below), text, fill="black", anchor=anchor, font_size=font or SIZE // FONT)
     return np.asarray(sheet)
 
 
-def _beside(pictures: list[Image]) -> Image:
-    return np.concatenate(pictures, axis=1)
+def _with_scale_bar(picture: Image, mm_per_pixel: float, length_mm: float = 50.0) -> Image:
+    """A bar with its length, at the lower left."""
+    from PIL import Image as Pillow
+    from PIL import ImageDraw
+
+    sheet = Pillow.fromarray(picture)
+    draw = ImageDraw.Draw(sheet)
+    x, y = 0.05 * SIZE, 0.95 * SIZE
+    long = length_mm / mm_per_pixel
+    draw.line([x, y, x + long, y], fill="black", width=SIZE // 150)
+    draw.text((x + long / 2, y - SIZE / 75), f"{length_mm:g} mm", fill="black", anchor="mb", font_size=SIZE // FONT)
+    return np.asarray(sheet)

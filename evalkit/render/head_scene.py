@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from evalkit.errors import EvalkitError
 from evalkit.geometry import Array
 from evalkit.head.model import Head, Indices
-from evalkit.render.head_views import BACKGROUND, PLAIN, SEE_THROUGH, SKIN
+from evalkit.render.head_views import BACKGROUND, PHOTO_LIGHT, PLAIN, SEE_THROUGH, SKIN, WIRE, WIRE_PARTS
 from evalkit.render.offscreen import offscreen_plotter
 
 YAW_DEG = {"front": 0.0, "three-quarter": 28.0, "profile": 88.0}
@@ -27,7 +27,6 @@ MARGIN = 1.15
 MARKER_PIXELS = 9.0
 """Diameter of a marker."""
 
-WIRE = "#28323c"
 MARKER = "#0072B2"
 
 SHADINGS = ("smooth", "flat")
@@ -54,7 +53,7 @@ class HeadScene:
     view : str
         Key of :data:`YAW_DEG`.
     wireframe : bool
-        Lines only, without the plate.
+        The edges of skin, lids, eyeballs and ears, without what lies behind them.
     markers : array_like, shape (n, 3), mm, optional
         Markers to draw as dots; :meth:`show` moves them.
     background : str
@@ -131,10 +130,11 @@ class HeadScene:
         if textured and head.uv is not None and head.texture is not None and not wireframe:
             pictures, uv = _pictures(head.texture), head.uv
         self._matrix = vtkMatrix4x4()
+        self._photographed = head.photographed
         self._parts = []
         for part in sorted(head.parts, key=lambda name: (name in SEE_THROUGH, name)):
             # Hair and outline are all in the plate's picture: without one it is a board.
-            if part in without or (part == "plate" and not pictures):
+            if part in without or (part == "plate" and not pictures) or (wireframe and part not in WIRE_PARTS):
                 continue
             self._parts.append(PartMesh(head.part_triangles(part), uv, normals=self._normals is not None))
             self._add(self._parts[-1].data, part, pictures.get(part in SEE_THROUGH), wireframe)
@@ -142,15 +142,15 @@ class HeadScene:
     def _add(self, data: Any, part: str, picture: Any, wireframe: bool) -> None:
         look: dict[str, Any] = {"ambient": 0.3, "diffuse": 0.75}
         look["interpolation"] = "flat" if self._normals is None else "phong"
+        if self._photographed and picture is not None:
+            look |= PHOTO_LIGHT
         if part == "eyeballs":
             look |= {"specular": 0.3, "specular_power": 40.0, "ambient": 0.45}
         if part == "skin":
             # Its inside is never seen, and takes as many pixels as its outside.
             look["culling"] = "back"
-        if wireframe:
-            look = {"style": "wireframe", "line_width": 1, "lighting": False}
-        colour = WIRE if wireframe else PLAIN.get(part, SKIN)
-        self._add_actor(data, picture, color="white" if picture is not None else colour, **look)
+        look["color"] = "white" if picture is not None else PLAIN.get(part, SKIN)
+        self._add_actor(data, picture, **(WIRE if wireframe else look))
 
     def _add_actor(self, data: Any, texture: Any = None, **look: Any) -> None:
         import pyvista

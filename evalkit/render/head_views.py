@@ -28,6 +28,18 @@ PLAIN = {
 """Colours of the parts of a head without a texture."""
 
 
+VIEW_ANGLE_DEG = 20.5
+"""Of the camera, where the zoom is 1."""
+
+WIRE_PARTS = ("skin", "lids", "eyeballs", "ears")
+WIRE: dict[str, Any] = {
+    "color": "#f2efe9", "lighting": False, "culling": "back", "show_edges": True, "edge_color": "#28323c",
+}  # fmt: skip
+"""Parts and look of a wireframe: lines behind the surface are hidden."""
+
+PHOTO_LIGHT = {"ambient": 0.8, "diffuse": 0.25, "specular": 0.0}
+"""A photo has its light in it: shading it once more would draw a dark line around the mask before its plate."""
+
 SEE_THROUGH = ("plate", "upper teeth", "lower teeth")
 """Parts whose texture is transparent in places; drawn after the others, the plate first."""
 
@@ -103,18 +115,18 @@ def draw_head(plotter: Any, head: Head, view: View, *, without: tuple[str, ...] 
     # covers in part: a light line around the hair. Plate before teeth is order enough.
     plotter.renderer.SetUseOIT(False)
     for part in sorted(head.parts, key=lambda name: (name in SEE_THROUGH, name)):
-        if part in without or (view.wireframe and part not in ("skin", "lids", "eyeballs")):
+        if part in without or (view.wireframe and part not in WIRE_PARTS):
             continue
         mesh = head_mesh(head, part, vertices)
         if flat is not None:
             plotter.add_mesh(mesh, color=flat, lighting=False, culling="back")
         elif view.wireframe:
-            plotter.add_mesh(
-                mesh, color="#f2efe9", lighting=False, culling="back", show_edges=True, edge_color="#28323c"
-            )
+            plotter.add_mesh(mesh, **WIRE)
         else:
             mesh.point_data.active_normals = skin[np.unique(head.part_triangles(part))]
             look: dict[str, Any] = {"smooth_shading": True, "ambient": 0.2, "diffuse": 0.85, "specular": 0.06}
+            if head.photographed:
+                look |= PHOTO_LIGHT
             if part == "eyeballs":
                 look |= {"specular": 0.3, "specular_power": 40.0, "ambient": 0.35}
             if texture is not None:
@@ -157,7 +169,7 @@ def _aim(plotter: Any, view: View) -> None:
     plotter.camera.position = middle + 900.0 * side
     plotter.camera.focal_point = middle
     plotter.camera.up = (0.0, 1.0, 0.0)
-    plotter.camera.view_angle = 20.5 / view.zoom
+    plotter.camera.view_angle = VIEW_ANGLE_DEG / view.zoom
     plotter.camera.clipping_range = (300.0, 1500.0)
 
 
