@@ -142,6 +142,11 @@ class Head:
         """Sorted indices of the vertices that the triangles of some parts use."""
         return np.unique(self.part_triangles(*names))
 
+    @property
+    def photographed(self) -> bool:
+        """Whether its texture is a photo, with the light in it."""
+        return "photo" in self.provenance
+
     @cached_property
     def soft_vertices(self) -> Indices:
         """Vertices that a face's motion deforms."""

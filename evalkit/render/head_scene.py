@@ -142,10 +142,10 @@ class HeadScene:
     def _add(self, data: Any, part: str, picture: Any, wireframe: bool) -> None:
         look: dict[str, Any] = {"ambient": 0.3, "diffuse": 0.75}
         look["interpolation"] = "flat" if self._normals is None else "phong"
-        if self._photographed and picture is not None:
-            look |= PHOTO_LIGHT
         if part == "eyeballs":
             look |= {"specular": 0.3, "specular_power": 40.0, "ambient": 0.45}
+        if self._photographed and picture is not None:
+            look |= PHOTO_LIGHT
         if part == "skin":
             # Its inside is never seen, and takes as many pixels as its outside.
             look["culling"] = "back"

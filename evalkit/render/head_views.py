@@ -125,10 +125,10 @@ def draw_head(plotter: Any, head: Head, view: View, *, without: tuple[str, ...] 
         else:
             mesh.point_data.active_normals = skin[np.unique(head.part_triangles(part))]
             look: dict[str, Any] = {"smooth_shading": True, "ambient": 0.2, "diffuse": 0.85, "specular": 0.06}
-            if head.photographed:
-                look |= PHOTO_LIGHT
             if part == "eyeballs":
                 look |= {"specular": 0.3, "specular_power": 40.0, "ambient": 0.35}
+            if head.photographed:
+                look |= PHOTO_LIGHT
             if texture is not None:
                 # With an opacity channel VTK sorts no depths: only parts that need it get it.
                 channels = 4 if part in SEE_THROUGH else 3
