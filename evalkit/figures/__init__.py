@@ -36,6 +36,20 @@ MODULES = (
     "bold_driver",
     "covariance_calibration",
     "real_takes",
+    "skin",
+    "gaps",
+    "outliers",
+    "two_joint_neck",
+    "marker_layout",
+    "capture_rate",
+    "rbf_kernels",
+    "seams",
+    "static_points",
+    "marker_count",
+    "kernel_scale",
+    "units",
+    "frame_rate",
+    "scaling",
 )
 """Files of this folder that are figures, in the order of the paper that they would make; ``figures`` is the table of
 them, name to module. They are imported when it is first looked at."""

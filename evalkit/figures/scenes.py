@@ -6,11 +6,22 @@ from collections.abc import Mapping
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from evalkit.figures.files import raster
 from evalkit.geometry import Array
 from evalkit.head import Head, load_head
+from evalkit.head.model import Indices
+from evalkit.render.face_maps import Camera
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+DPI = 300
+"""Of scenes that are put together with plots."""
 
 XYZ = ("x_mm", "y_mm", "z_mm")
 
@@ -32,3 +43,25 @@ def place_rows(places: Mapping[str, Array], **others: Any) -> list[dict[str, Any
 def places(rows: pd.DataFrame) -> dict[str, Array]:
     """Label to place (3,), mm, of such rows."""
     return dict(zip(rows["label"], rows[list(XYZ)].to_numpy(dtype=float), strict=True))
+
+
+def local_triangles(triangles: Indices, vertices: Indices) -> Indices:
+    """Those triangles of which all corners are among some vertices, sorted, by their positions there."""
+    inside = triangles[np.isin(triangles, vertices).all(axis=1)]
+    return np.searchsorted(vertices, inside)
+
+
+def close_up(axes: Axes, picture: NDArray[np.uint8], camera: Camera, bar_mm: float) -> None:
+    """A picture from the front on axes in mm, with a bar of this length."""
+    half_x = camera.half_mm * picture.shape[1] / picture.shape[0]
+    x, y = camera.middle[:2]
+    axes.imshow(picture, extent=(x - half_x, x + half_x, y - camera.half_mm, y + camera.half_mm))
+    axes.set_axis_off()
+    left, low = x - 0.92 * half_x, y - 0.92 * camera.half_mm
+    axes.plot([left, left + bar_mm], [low, low], color="black", linewidth=2.0, solid_capstyle="butt")
+    axes.text(left + bar_mm / 2, low + 0.03 * camera.half_mm, f"{bar_mm:g} mm", ha="center", va="bottom")
+
+
+def printed(made: Figure) -> NDArray[np.uint8]:
+    """A page of scenes as one picture."""
+    return raster(made, DPI)

@@ -66,6 +66,25 @@ class Table:
         return list(dict.fromkeys(self.rows["method"]))
 
 
+def shares(found: pd.DataFrame) -> pd.DataFrame:
+    """A part of a summary about the mean of 0 and 1, with Wilson's 95 % intervals.
+
+    Resampling gives intervals without width where all takes agree.
+
+    References
+    ----------
+    Wilson, "Probable inference, the law of succession, and statistical inference", JASA 22 (1927) 209-212.
+    """
+    from scipy.stats import binomtest
+
+    found = found.dropna(subset=["value"])
+    ends = [
+        binomtest(round(share * n), n).proportion_ci(method="wilson")
+        for share, n in zip(found["value"], found["seeds"], strict=True)
+    ]
+    return found.assign(low=[end.low for end in ends], high=[end.high for end in ends])
+
+
 def study_of(figure: ModuleType) -> Study | None:
     """The study whose rows a figure shows."""
     from evalkit.studies import studies
@@ -135,12 +154,17 @@ def _from_study(study: Study, table: StudyTable, facts: dict[str, Any]) -> Table
     import pandas as pd
 
     rows = pd.DataFrame(table.rows)
-    extra = [c for s in study.statistics for c in s.columns if c not in study.columns]
+    extra = _of_machine(study)
     if extra:
         keys = [*study.axes, "method", "seed"]
-        machine = pd.DataFrame(table.machine)[[*keys, *dict.fromkeys(extra)]]
+        machine = pd.DataFrame(table.machine)[[*keys, *extra]]
         rows = rows.merge(machine, on=keys, how="left", validate="one_to_one")
     return Table(rows, study, facts)
+
+
+def _of_machine(study: Study) -> list[str]:
+    """Columns that statistics are made of and that depend on the machine."""
+    return list(dict.fromkeys(c for s in study.statistics for c in s.columns if c not in study.columns))
 
 
 def from_tables(figure: ModuleType, folder: Path) -> Table:
@@ -178,7 +202,7 @@ def from_csv(figure: ModuleType, folder: Path) -> Table:
 
 def _checked(figure: ModuleType, table: Table, path: Path) -> Table:
     study = table.study
-    wanted = figure.COLUMNS if study is None else (*study.axes, *KEYS, *study.columns)
+    wanted = figure.COLUMNS if study is None else (*study.axes, *KEYS, *study.columns, *_of_machine(study))
     for column in wanted:
         if column not in table.rows.columns:
             raise EvalkitError(
