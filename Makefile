@@ -10,7 +10,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 DEMO ?= demo
 FIGURES ?= figures
 
-.PHONY: demo figures bench test test-slow studies regress lint types check lab clean
+.PHONY: demo docs figures bench test test-slow studies regress lint types check lab clean
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -48,6 +48,15 @@ studies: $(VENV)/installed
 # Every figure measured anew with the small budget; 'evalkit figures' draws those of paper_figures/ from their tables.
 figures: $(VENV)/installed
 	$(BIN)/evalkit figures --run --budget small -o $(FIGURES)
+
+# The site in build/docs, notebooks with their outputs included; opens from its files, without a server or a network.
+docs: $(VENV)/installed-docs notebooks
+	$(BIN)/sphinx-build --fail-on-warning --keep-going --nitpicky --fresh-env --quiet docs build/docs
+	EVALKIT_SITE=build/docs $(BIN)/python -m pytest tests/test_docs.py -k "site or entry"
+
+$(VENV)/installed-docs: pyproject.toml constraints.txt | $(BIN)/python
+	$(PIP) install -c constraints.txt -e '.[test,docs]'
+	@touch $@ $(VENV)/installed $(VENV)/installed-test
 
 regress: $(VENV)/installed
 	$(BIN)/evalkit regress
