@@ -14,11 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evalkit.figures.style import ruled
-from evalkit.figures.table import Table
+from evalkit.figures.table import Table, budget_of
 from evalkit.results import staged
 from evalkit.study.table import write_csv
 
 VECTOR = ("svg", "pdf")
+
+LARGEST_BYTES = 600_000
+"""A scene in full colour that is larger gets a palette: textures need it, and colour maps, which suffer, do not."""
 
 
 def draw(figure: ModuleType, table: Table) -> Any:
@@ -55,9 +58,13 @@ def save(figure: ModuleType, table: Table, folder: Path, with_table: bool = True
         if isinstance(picture, np.ndarray):
             from PIL import Image
 
-            # A palette halves the file, and differs by one part in 255 on average.
-            scene = Image.fromarray(picture).quantize(256, Image.Quantize.MEDIANCUT, kmeans=1, dither=Image.Dither.NONE)
-            scene.save(stage / f"{figure.NAME}.png", optimize=True)
+            path = stage / f"{figure.NAME}.png"
+            scene = Image.fromarray(picture)
+            scene.save(path, optimize=True)
+            if path.stat().st_size > LARGEST_BYTES:
+                # A palette takes a third, and is off by one part in 255 on average.
+                few = scene.quantize(256, Image.Quantize.MEDIANCUT, kmeans=1, dither=Image.Dither.NONE)
+                few.save(path, optimize=True)
         else:
             for kind in VECTOR:
                 (stage / f"{figure.NAME}.{kind}").write_bytes(vector(picture, kind))
@@ -82,12 +89,27 @@ def _write_table(figure: ModuleType, table: Table, stage: Path) -> None:
     facts = {
         "name": figure.NAME,
         "caption": caption(figure),
-        "command": f"evalkit figures {figure.NAME} --run --budget {table.facts.get('budget', 'full')}",
+        "command": command(figure, table),
         "csv_sha256": hashlib.sha256(path.read_bytes()).hexdigest(),
         **{key: value for key, value in table.facts.items() if key not in ("name", "caption", "command", "csv_sha256")},
     }
     text = json.dumps(facts, indent=2) + "\n"
     (stage / f"{figure.NAME}.json").write_text(text, encoding="utf-8")
+
+
+def command(figure: ModuleType, table: Table) -> str:
+    """The command that measures these rows anew and draws them; files of axes are where the user has them."""
+    study, facts = table.study, table.facts
+    if study is None or "seeds" not in facts:
+        return f"evalkit figures {figure.NAME} --run --budget {facts.get('budget', 'full')}"
+    for budget in (facts["budget"],) if "budget" in facts else ("full", "small"):
+        part = study.at(budget_of(figure, budget))
+        other = {axis: found for axis, found in facts["axes"].items() if list(part.axes[axis]) != found}
+        axes = "".join(f' --axis "{axis}={",".join(map(str, found))}"' for axis, found in other.items())
+        if len(facts["seeds"]) == part.full.seeds:
+            return f"evalkit figures {figure.NAME} --run --budget {budget}{axes}"
+    seeds = f"evalkit study run {study.name} --budget full --seeds {len(facts['seeds'])}{axes} -o results"
+    return f"{seeds} && evalkit figures {figure.NAME} --tables results"
 
 
 def caption(figure: ModuleType) -> str:

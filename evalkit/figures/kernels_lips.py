@@ -19,10 +19,10 @@ NAME = "kernels-lips"
 COLUMNS = ("frame", "panel", "regions", "vertex", "marker", *XYZ)
 KERNELS = {"exponential": "exponential", "thin-plate": "thin plate", "bilaplacian": "bi-Laplacian"}
 TRUTH = "truth"
-LOW, HIGH = np.array([-36.0, -74.0]), np.array([36.0, -8.0])
+LOW, HIGH = np.array([-38.0, -76.0]), np.array([38.0, -8.0])
 """Rows are kept of the skin that is between these x and y at rest, mm."""
 
-CAMERA = Camera((0.0, -45.0, 110.0), 30.0)
+CAMERA = Camera((0.0, -45.0, 110.0), 32.0)
 BACKDROP_MM = 60.0
 LIMIT_MM = 10.0
 
@@ -63,30 +63,31 @@ def draw(table: Table) -> Any:
     vertices = true["vertex"].to_numpy()
     triangles = local_triangles(head.part_triangles("skin"), vertices)
     lips = np.isin(vertices, np.concatenate([head.regions["upper lip"], head.regions["lower lip"]]))
-    made = Figure(figsize=(PAGE_IN, 4.0), layout="constrained")
+    made = Figure(figsize=(PAGE_IN, 4.6))
+    made.subplots_adjust(0.01, 0.06, 0.99, 0.92, wspace=0.05, hspace=0.35)
     grid = made.subplots(2, 1 + len(KERNELS))
-    wanted = [(grid[0, 0], true, "(a) truth", None)]
+    wanted = [(grid[0, 0], true, "(a) truth\n", None)]
     letters = iter("bcdefg")
     for row, regions in enumerate((True, False)):
         for column, (kernel, name) in enumerate(KERNELS.items(), start=1):
             part = rows[(rows["panel"] == kernel) & (rows["regions"].astype(str) == str(regions))]
             part = part.sort_values("vertex")
             off = np.linalg.norm(part[list(XYZ)].to_numpy() - true[list(XYZ)].to_numpy(), axis=1)
-            title = f"({next(letters)}) {name}, {'regions' if regions else 'no regions'}"
-            wanted.append(
-                (grid[row, column], part, f"{title}\nlips {np.sqrt((off[lips] ** 2).mean()):.1f} mm rms", off)
-            )
+            words = f"({next(letters)}) {name}, {'regions' if regions else 'no regions'}"
+            rms = np.sqrt((off[lips] ** 2).mean())
+            wanted.append((grid[row, column], part, f"{words}\nlips {rms:.1f} mm rms", off))
     for axes, part, title, off in wanted:
         places = part[list(XYZ)].to_numpy(dtype=float)
         picture = coloured_skin(places, triangles, off, CAMERA, limits=(0.0, LIMIT_MM), backdrop_mm=BACKDROP_MM)
         close_up(axes, picture, CAMERA, 10.0)
         worn = part[part["marker"].notna()]
         axes.scatter(worn["x_mm"], worn["y_mm"], s=9, c="white", edgecolors="black", linewidths=0.6)
-        axes.set_title(title)
+        axes.set_title(title, fontsize=7)
     grid[1, 0].set_axis_off()
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
     colours = ScalarMappable(Normalize(0.0, LIMIT_MM), COLOUR_MAP)
-    made.colorbar(colours, ax=grid[1, 0], location="top", label="distance from truth, mm", fraction=0.2, extend="max")
+    bar = grid[1, 0].inset_axes((0.1, 0.5, 0.8, 0.08))
+    made.colorbar(colours, cax=bar, orientation="horizontal", label="distance from truth, mm", extend="max")
     return printed(made)

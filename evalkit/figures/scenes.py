@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-DPI = 300
+DPI = 240
 """Of scenes that are put together with plots."""
 
 XYZ = ("x_mm", "y_mm", "z_mm")
@@ -52,14 +52,15 @@ def local_triangles(triangles: Indices, vertices: Indices) -> Indices:
 
 
 def close_up(axes: Axes, picture: NDArray[np.uint8], camera: Camera, bar_mm: float) -> None:
-    """A picture from the front on axes in mm, with a bar of this length."""
-    half_x = camera.half_mm * picture.shape[1] / picture.shape[0]
+    """A picture from the front on axes in mm, below it a bar of this length; what is drawn beyond it is cut off."""
+    half, half_x = camera.half_mm, camera.half_mm * picture.shape[1] / picture.shape[0]
     x, y = camera.middle[:2]
-    axes.imshow(picture, extent=(x - half_x, x + half_x, y - camera.half_mm, y + camera.half_mm))
+    axes.imshow(picture, extent=(x - half_x, x + half_x, y - half, y + half))
+    axes.set(xlim=(x - half_x, x + half_x), ylim=(y - half, y + half), autoscale_on=False)
     axes.set_axis_off()
-    left, low = x - 0.92 * half_x, y - 0.92 * camera.half_mm
-    axes.plot([left, left + bar_mm], [low, low], color="black", linewidth=2.0, solid_capstyle="butt")
-    axes.text(left + bar_mm / 2, low + 0.03 * camera.half_mm, f"{bar_mm:g} mm", ha="center", va="bottom")
+    left, low = x - half_x, y - 1.08 * half
+    axes.plot([left, left + bar_mm], [low, low], "k-", linewidth=2.0, solid_capstyle="butt", clip_on=False)
+    axes.text(left + 1.2 * bar_mm, low, f"{bar_mm:g} mm", va="center")
 
 
 def printed(made: Figure) -> NDArray[np.uint8]:

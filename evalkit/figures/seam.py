@@ -23,11 +23,12 @@ COLUMNS = ("frame", "treatment", "vertex", *XYZ)
 KERNEL = "exponential"
 TREATMENTS = {"none": "no regions", "hard": "hard", "ramp": "ramp", "spline": "spline"}
 LOOKS = {"none": (BLACK, ":"), "hard": (VERMILION, "-"), "ramp": (BLUE, "-"), "spline": (GREEN, "--")}
-REACH_MM = 22.0
+REACH_MM = 32.0
 """Rows are kept of the skin so far from the corner."""
 
-LINE_MM = 1.0
-"""The line runs so far outside the corner, straight down."""
+LINE_MM = 1.6
+"""The line runs straight down, so far inside of the marker at the corner: where the slit of the mouth has just ended
+and the fields of both lips meet."""
 
 HALF_MM = 14.0
 
@@ -64,8 +65,8 @@ def draw(table: Table) -> Any:
 
     head, rows = built_in_head(), table.rows
     corner = head.marker_sites["MouthL"]
-    made = Figure(figsize=(PAGE_IN, 4.4), layout="constrained")
-    above, below = made.subfigures(2, 1, height_ratios=(1.9, 2.1))
+    made = Figure(figsize=(PAGE_IN, 4.3), layout="constrained")
+    above, below = made.subfigures(2, 1, height_ratios=(2.1, 2.2))
     grid, curves = above.subplots(1, len(TREATMENTS)), below.subplots()
     most = float(np.linalg.norm(rows[list(XYZ)].to_numpy(), axis=1).max())
     for axes, letter, (treatment, name) in zip(grid, "abcd", TREATMENTS.items(), strict=True):
@@ -78,9 +79,8 @@ def draw(table: Table) -> Any:
         picture = coloured_skin(rest + moved, triangles, length, camera, limits=(0.0, most), edges=True)
         close_up(axes, picture, camera, 5.0)
         axes.set_title(f"({letter}) {name}")
-        down, places, along = crossing(rest, moved, triangles, corner[0] + LINE_MM)
+        down, places, along = crossing(rest, moved, triangles, corner[0] - LINE_MM)
         axes.plot(places[:, 0], places[:, 1], color="white", linewidth=1.5)
-        axes.set(xlim=axes.get_xlim(), ylim=axes.get_ylim())
         colour, style = LOOKS[treatment]
         curves.plot(down - corner[1], np.linalg.norm(along, axis=1), color=colour, linestyle=style, label=name)
     colours = ScalarMappable(Normalize(0.0, most), COLOUR_MAP)

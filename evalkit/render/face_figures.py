@@ -5,7 +5,8 @@ They show what Fig. 1, 3, 4 (b) and 5 of Huang, Lin & Ouhyoung (2000) show.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -108,8 +109,7 @@ def markers_in_space(places: Mapping[str, Array], pivot: Array | None, window: W
     rigid = [k for k, name in enumerate(places) if name in TRIANGLE]
     everything = points if pivot is None else np.vstack([points, pivot])
     middle, half = window or Window.around(everything)
-    with offscreen_plotter(3 * SIZE // 4, SIZE, border=False) as plotter:
-        plotter.set_background("white")
+    with _canvas("white", 3 * SIZE // 4) as plotter:
         for a, b in face_edges(points):
             plotter.add_mesh(pyvista.Line(points[a], points[b]), color=colours.GREY, line_width=2, lighting=False)
         free = np.delete(points, rigid, axis=0)
@@ -149,16 +149,14 @@ def markers_on_face(head: Head, sites: Mapping[str, Array], others: Sequence[Arr
 
 def head_model(head: Head, parts: Collection[str] | None = None) -> Image:
     """The 2.5D head, as Fig. 3 (a); all parts by default."""
-    with offscreen_plotter(SIZE, SIZE, border=False) as plotter:
-        plotter.set_background(BACKGROUND)
+    with _canvas(BACKGROUND) as plotter:
         draw_head(plotter, head, MODEL_VIEW, without=_lacking(head, parts))
         return _upright(_taken(plotter))
 
 
 def plate_wireframe(head: Head, parts: Collection[str] | None = None) -> Image:
     """The wireframe with the hair in the plate behind it, as Fig. 3 (b); all parts by default."""
-    with offscreen_plotter(SIZE, SIZE, border=False) as plotter:
-        plotter.set_background(BACKGROUND)
+    with _canvas(BACKGROUND) as plotter:
         lacking = _lacking(head, parts)
         if "plate" not in lacking:
             draw_head(plotter, head, MODEL_VIEW, without=tuple(part for part in head.parts if part != "plate"))
@@ -246,8 +244,7 @@ def _face_with_points(
     import pyvista
 
     lift = np.array([0.0, 0.0, 2.0])
-    with offscreen_plotter(SIZE, SIZE, border=False) as plotter:
-        plotter.set_background(BACKGROUND)
+    with _canvas(BACKGROUND) as plotter:
         draw_head(plotter, head, View())
         places = np.array(list(points.values()))
         if len(triangle) == 3:
@@ -352,6 +349,15 @@ def _balls(points: Array, radius: float) -> Any:
 
     ball = pyvista.Sphere(radius=radius, theta_resolution=20, phi_resolution=20)
     return pyvista.PolyData(np.asarray(points, dtype=np.float64)).glyph(geom=ball, scale=False, orient=False)
+
+
+@contextmanager
+def _canvas(background: str, width: int | None = None) -> Iterator[Any]:
+    """A plotter of the height :data:`SIZE`; square by default."""
+    with offscreen_plotter(width or SIZE, SIZE, border=False) as plotter:
+        canvas: Any = plotter
+        canvas.set_background(background)
+        yield canvas
 
 
 def _taken(plotter: Any) -> Image:
