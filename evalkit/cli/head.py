@@ -107,8 +107,9 @@ def fit(
     from evalkit.head import load_head
     from evalkit.head.fitting import fit_head
     from evalkit.head.photo import read_photo
-    from evalkit.head.points import propose_points, read_points, write_points
-    from evalkit.results import check_output, staged
+    from evalkit.head.points import propose_points, read_points
+    from evalkit.render.fitted import write_fitted
+    from evalkit.results import check_output
 
     check_output(output)
     with working("reading the photo"):
@@ -119,22 +120,52 @@ def fit(
         generic = load_head(head_name)
     with working("fitting it"):
         made, report = fit_head(picture, chosen, generic)
-    facts = {"points_from": chosen.source, **report.as_dict()}
-    with staged(output) as stage:
-        made.save(stage / "head.npz")
-        write_points(stage / "points.json", chosen, picture)
-        (stage / "fit.json").write_text(json.dumps(facts, indent=2) + "\n", encoding="utf-8")
-        if not no_picture:
-            from evalkit.render.head_views import FITTED_SHEET, head_sheet_png
-
-            with working("drawing it"):
-                head_sheet_png(made, stage / "head.png", views=FITTED_SHEET, columns=5)
-        names = sorted(path.name for path in stage.iterdir())
-    written = [str(output / name) for name in names]
+    with working("drawing and writing it"):
+        written = [str(path) for path in write_fitted(made, report, chosen, picture, output, not no_picture)]
     if as_json:
-        click.echo(json.dumps({**facts, "written": written}, indent=2))
+        click.echo(json.dumps({"points_from": chosen.source, **report.as_dict(), "written": written}, indent=2))
     else:
         click.echo("\n".join([*report.lines(), *(f"wrote {path}" for path in written)]))
+
+
+@head.command()
+@click.argument("photo", type=click.Path(path_type=Path), metavar="PHOTO")
+@click.option(
+    "--points",
+    type=click.Path(path_type=Path),
+    metavar="POINTS.json",
+    help="Points to start from and to save to.  [default: beside PHOTO, PHOTO's name .points.json]",
+)
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path),
+    metavar="HEAD",
+    help="Folder that the fitted head is saved in.  [default: PHOTO's name -head]",
+)
+@click.option("--head", "head_name", default="template", show_default=True, metavar="NAME|FILE", help="Head to fit.")
+@click.option("--port", type=click.IntRange(0, 65535), default=0, help="Of the page; 0 takes a free one.")
+@click.option("--no-browser", is_flag=True, help="Print the page's address and open nothing.")
+def edit(
+    photo: Path, points: Path | None, output: Path | None, head_name: str, port: int, no_browser: bool
+) -> None:  # fmt: skip
+    """Place the points of PHOTO by hand, on a page that only this machine sees, and watch the head that fits.
+
+    Needs pip install 'evalkit[editor]'. Without a face detector, click both eyes first: a mean face to drag follows.
+    In JupyterLab the same editor is: from evalkit.editor.page import edit; edit("me.jpg"). Ctrl-C ends it.
+
+    \b
+    Example:
+        evalkit head edit me.jpg -o me
+    """
+    from evalkit.editor.server import serve
+    from evalkit.head import load_head
+    from evalkit.results import check_output
+
+    output = output or photo.with_name(f"{photo.stem}-head")
+    check_output(output)
+    generic = load_head(head_name)
+    serve(photo, points, generic, output, port, show=not no_browser, tell=click.echo)
 
 
 def _eyes(text: str | None) -> list[list[float]] | None:
