@@ -78,7 +78,7 @@ def real_heads() -> tuple[list[str], np.ndarray, np.ndarray]:
     Heads are drawn as the model that they come from defines them: neutral face plus identity modes with
     standard normal weights. Only the first eight modes are used, so the true spread is larger than this.
     """
-    facts = json.loads(Path(__file__).with_name("test_head_landmarks.json").read_text())
+    facts = json.loads(Path(evalkit.head.__file__).with_name("real_heads.json").read_text())
     mean, modes = np.array(facts["mean"]), np.array(facts["modes"])
     weights = evalkit.seeds.generator("head landmarks", seed=0).standard_normal((2000, len(modes)))
     heads = similarity(mean + np.tensordot(weights, modes, axes=1), mean)
@@ -106,7 +106,7 @@ def test_control_of_an_ellipsoid_they_do_not():
 def test_real_heads_themselves_pass_as_often_as_they_should():
     # Otherwise the radius would mean nothing: 99 % per landmark, by construction on other draws.
     names, mean, radius = real_heads()
-    facts = json.loads(Path(__file__).with_name("test_head_landmarks.json").read_text())
+    facts = json.loads(Path(evalkit.head.__file__).with_name("real_heads.json").read_text())
     weights = evalkit.seeds.generator("head landmarks", seed=1).standard_normal((1000, len(facts["modes"])))
     heads = similarity(mean + np.tensordot(weights, np.array(facts["modes"]), axes=1), mean)
     inside = (np.linalg.norm(heads - mean, axis=2) <= radius).mean(axis=0)

@@ -112,8 +112,15 @@ def detect_face(photo: Photo, weights: str | Path | None = None) -> dict[str, Ar
     EvalkitError
         If there is no detector here or it finds no face.
     """
+    height, width = photo.pixels.shape[:2]
     with landmarker(weights) as detect:
         faces = detect(photo.pixels)
+        if not faces:
+            # The detector looks at a small picture of the whole: a small face is found only in a part of it.
+            for top in (0, height // 4, height // 2):
+                for left in (0, width // 4, width // 2):
+                    part = photo.pixels[top : top + height // 2, left : left + width // 2]
+                    faces += [face + np.array([left, top, 0.0]) for face in detect(part)]
     if not faces:
         raise EvalkitError(
             f"{photo.path}: no face found; crop the photo so that the head fills about half of it, or give the points, "
