@@ -83,6 +83,8 @@ def figures(
         start = time.perf_counter()
         try:
             files = _one(known[name], output, run or bool(given), tables, budget, results, given, jobs)
+        except KeyboardInterrupt:
+            raise EvalkitError(f"{name}: stopped; cells that are done are kept, the same command goes on") from None
         except EvalkitError as error:
             failed[name] = str(error)
             click.echo(f"{name}: not drawn: {error}", err=True)

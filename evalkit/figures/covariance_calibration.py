@@ -15,9 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from evalkit.figures.style import GREY, LOOKS, PAGE_IN, canvas, dots, keyed, lettered, lines, look, looked, plain_log
+from evalkit.figures.style import LOOKS, PAGE_IN, canvas, dots, keyed, lettered, lines, look, looked, plain_log
 from evalkit.figures.table import Table, shares
 from evalkit.geometry import Array
+from evalkit.render.colours import GREY
 from evalkit.studies.takes import SMOOTHED
 from evalkit.study.description import Budget
 

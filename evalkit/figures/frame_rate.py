@@ -3,8 +3,8 @@
 (a) Frames per second over the vertices of the head, for pictures of several sizes: deformed, uploaded, drawn and read
 back (filled signs), and drawn and read back alone, the limit of the renderer (open). Textured, without multisampling;
 the title names the renderer. Dashed: the 30 frames per second that Huang et al. (2000) report. (b) Median time of each
-stage; above every bar the size of the picture in pixels. One run, whose frames are its sample: bars up to the 95th
-percentile of the drawing alone, the largest part.
+stage; lines reach up by what the 95th percentile of the drawing, the largest part, has over its median; above every
+bar the size of the picture in pixels. One run.
 """
 
 from __future__ import annotations
@@ -14,9 +14,10 @@ from typing import Any
 import numpy as np
 
 from evalkit.errors import EvalkitError
-from evalkit.figures.style import BLUE, GREEN, LOOKS, ORANGE, PAGE_IN, SKY, VERMILION, at_values, canvas, lettered
+from evalkit.figures.style import LOOKS, ORANGE, PAGE_IN, at_values, canvas, lettered
 from evalkit.figures.style import plain_log as log_axis
 from evalkit.figures.table import Table
+from evalkit.render.colours import BLUE, GREEN, SKY, VERMILION
 
 NAME = "frame-rate"
 STAGES = {"deform": BLUE, "upload": ORANGE, "render": SKY, "read_back": GREEN}
@@ -73,7 +74,7 @@ def draw(table: Table) -> Any:
         _stages(b, part, counts, k, len(sizes), int(size))
     a.axhline(PAPER_HZ, color=LOOKS["bound"].colour, linestyle="--", label="Huang et al. (2000)")
     rates = rows[["frames_per_second", "bare_frames_per_second"]]
-    log_axis(a.yaxis, min(20.0, 0.7 * rates.min(axis=None)), 1.4 * rates.max(axis=None))
+    log_axis(a.yaxis, 0.7 * min(PAPER_HZ, rates.min(axis=None)), 1.4 * max(PAPER_HZ, rates.max(axis=None)))
     a.set_xlabel("vertices")
     a.set_ylabel("frames per second")
     a.set_title(str(rows["renderer"].iloc[0]).partition(" (")[0])
@@ -93,11 +94,11 @@ def _stages(panel: Any, part: Any, counts: list[int], k: int, sizes: int, size: 
     base = np.zeros(len(part))
     for stage, colour in STAGES.items():
         height = part[f"{stage}_ms_p50"].to_numpy(dtype=float)
-        upwards = part["render_ms_p95"].to_numpy(dtype=float) - height if stage == "render" else None
-        panel.bar(at, height, 0.9 * width, bottom=base, color=colour, label=None if k else stage.replace("_", " "),
-                  yerr=None if upwards is None else [np.zeros(len(at)), upwards],
-                  error_kw={"elinewidth": 0.8, "capsize": 1.5})  # fmt: skip
+        panel.bar(at, height, 0.9 * width, bottom=base, color=colour, label=None if k else stage.replace("_", " "))
         base += height
-    for x, top in zip(at, base, strict=True):
+    late = (part["render_ms_p95"] - part["render_ms_p50"]).to_numpy(dtype=float)
+    tops = base + late
+    panel.errorbar(at, base, yerr=[np.zeros(len(at)), late], linestyle="", color=LOOKS["bound"].colour, elinewidth=0.8)
+    for x, top in zip(at, tops, strict=True):
         panel.annotate(f"{size}", (x, top), xytext=(0, 1), textcoords="offset points", ha="center", va="bottom",
                        fontsize=5.5)  # fmt: skip

@@ -36,8 +36,8 @@ def draw(table: Table) -> Any:
     a.vlines(squares, at - 0.45, at + 0.45, color=LOOKS["bound"].colour, linestyle="--", label="bound of one frame")
     lines(a, choices)
     lines(b, [""] * len(choices))
-    for panel in (a, b):
-        panel.set_xlim(0.0, None)
+    for panel, statistic in ((a, "rotation"), (b, "expression")):
+        panel.set_xlim(0.0, 1.05 * table.of(statistic)[["value", "high"]].max(axis=None))
     a.set_xlabel("rotation error, deg rms")
     b.set_xlabel("expression error, mm rms")
     a.set_ylabel("markers used")

@@ -14,8 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from evalkit.figures.style import BLUE, LOOKS, PAGE_IN, at_values, canvas, curve, keyed, lettered, looked, plain_log
+from evalkit.figures.style import LOOKS, PAGE_IN, at_values, canvas, curve, keyed, lettered, looked, plain_log
 from evalkit.figures.table import Table
+from evalkit.render.colours import BLUE
 from evalkit.study.description import Budget
 
 NAME = "pivot-sway"

@@ -29,7 +29,7 @@ def draw(table: Table) -> Any:
             dots(panel, found, "held_out", held[take], method, 0.6 * (k / max(1, len(methods) - 1) - 0.5))
         lines(panel, held[take])
         panel.set_title(str(take))
-        panel.set_xlim(0.0, None)
+        panel.set_xlim(0.0, 1.05 * table.of("motion left")["value"].max())
         panel.set_xlabel("motion left, mm rms")
         panel.set_ylabel("marker left out")
     lettered(panels[0])

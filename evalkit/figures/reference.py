@@ -10,20 +10,9 @@ from __future__ import annotations
 import re
 from typing import Any
 
-from evalkit.figures.style import (
-    BLUE,
-    GREEN,
-    LOOKS,
-    PAGE_IN,
-    VERMILION,
-    canvas,
-    keyed,
-    lettered,
-    lines,
-    plain_log,
-    reach,
-)
+from evalkit.figures.style import LOOKS, PAGE_IN, canvas, keyed, lettered, lines, plain_log, reach
 from evalkit.figures.table import Table
+from evalkit.render.colours import BLUE, GREEN, VERMILION
 from evalkit.study.description import Budget
 
 NAME = "reference"

@@ -12,8 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from evalkit.figures.style import GREY, LOOKS, PAGE_IN, Look, at_values, canvas, keyed, lettered, plain_log
+from evalkit.figures.style import LOOKS, PAGE_IN, Look, at_values, canvas, keyed, lettered, plain_log
 from evalkit.figures.table import Table
+from evalkit.render.colours import GREY
 from evalkit.study.description import Budget
 
 NAME = "scaling"

@@ -237,24 +237,22 @@ def at_values(axes: Axes, values: Sequence[Any], log: bool = True) -> None:
 
 
 def plain_log(axis: Any, low: float, high: float) -> None:
-    """A logarithmic axis with plain numbers at 1, 2 and 5; at powers of ten only where it spans many of them."""
+    """A logarithmic axis from low to high with readable ticks: plain numbers, powers of ten where it spans many."""
     import numpy as np
     from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
     axis.axes.set(**{f"{axis.axis_name}scale": "log"})
     axis.axes.set(**{f"{axis.axis_name}lim": (low, high)})
     decades = float(np.log10(high / low))
-    subs = (1.0, 2.0, 5.0) if decades < 2.2 else (1.0,)
-    axis.set_major_locator(LogLocator(subs=subs, numticks=12))
+    subs: tuple[float, ...] = (1.0,)
+    if decades < 2.2:
+        subs = (1.0, 2.0, 5.0) if decades > 0.9 else (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0)
+    axis.set_major_locator(LogLocator(subs=subs, numticks=9))
     axis.set_minor_locator(NullLocator())
-    axis.set_major_formatter(FuncFormatter(lambda value, _: _power(value)))
-
-
-def _power(value: float) -> str:
-    import math
-
-    exponent = round(math.log10(value))
-    return f"{value:g}" if -3 <= exponent <= 3 else f"$10^{{{exponent}}}$"
+    plain = np.log10(low) > -4 and np.log10(high) < 5
+    axis.set_major_formatter(
+        FuncFormatter(lambda value, _: f"{value:g}" if plain else f"$10^{{{np.log10(value):.0f}}}$")
+    )
 
 
 def keyed(made: Figure, table: Table, axes: Sequence[Axes], ncols: int = 3) -> None:

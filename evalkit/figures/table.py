@@ -159,7 +159,21 @@ def _from_study(study: Study, table: StudyTable, facts: dict[str, Any]) -> Table
         keys = [*study.axes, "method", "seed"]
         machine = pd.DataFrame(table.machine)[[*keys, *extra]]
         rows = rows.merge(machine, on=keys, how="left", validate="one_to_one")
-    return Table(rows, study, facts)
+    return _without_folders(Table(rows, study, facts))
+
+
+def _without_folders(table: Table) -> Table:
+    """Files that are values of axes by their names alone: folders of this machine tell a reader nothing."""
+    paths = table.facts.get("data_sha256", {})
+    names = {path: Path(path).name for path in paths}
+    if len(set(names.values())) < len(names):
+        names = {path: "/".join(Path(path).parts[-2:]) for path in paths}
+    text = json.dumps(table.facts)
+    rows = table.rows.replace(names)
+    for path, name in names.items():
+        text = text.replace(json.dumps(path)[1:-1], json.dumps(name)[1:-1])
+        rows["message"] = [words.replace(path, name) if isinstance(words, str) else words for words in rows["message"]]
+    return Table(rows, table.study, json.loads(text))
 
 
 def _of_machine(study: Study) -> list[str]:

@@ -10,8 +10,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from evalkit.figures.style import BLUE, PAGE_IN, VERMILION, canvas, keyed, lettered, lines, plain_log, reach
+from evalkit.figures.style import PAGE_IN, canvas, keyed, lettered, lines, plain_log, reach
 from evalkit.figures.table import Table
+from evalkit.render.colours import BLUE, VERMILION
 from evalkit.studies.units import DEFAULT, LITERAL
 from evalkit.study.description import Budget
 
@@ -48,7 +49,7 @@ def draw(table: Table) -> Any:
         panel.set_xlabel(label)
     plain_log(panels[0].xaxis, NOTHING / 3, 10.0)
     plain_log(panels[1].xaxis, 10.0, 1e6)
-    panels[2].set_xlim(0.0, None)
+    panels[2].set_xlim(0.0, 1.15 * table.of("lips")["value"].max())
     panels[0].set_ylabel("unit of the head")
     lettered(panels)
     keyed(made, table, panels, ncols=4)

@@ -13,7 +13,7 @@ from evalkit.figures.style import LOOKS, PAGE_IN, canvas, keyed, lettered, lines
 from evalkit.figures.table import Table
 from evalkit.study.description import Budget
 
-NAME = "seams"
+NAME = "seam-treatments"
 STUDY = "regions"
 SMALL = Budget(seeds=1, axes={"head": ("template 3000",), "kernel": ("exponential", "thin-plate")})
 
