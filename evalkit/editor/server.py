@@ -125,7 +125,7 @@ def _guard() -> Any:
             raise HTTPError(403, "another origin")
         return "editor"
 
-    class SameOrigin(AuthProvider):
+    class SameOrigin(AuthProvider):  # type: ignore[misc]
         endpoints = property(lambda self: [])
         get_user = property(lambda self: user)
         get_user_async = property(lambda self: None)
