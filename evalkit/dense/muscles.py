@@ -78,7 +78,7 @@ MUSCLES = (
     Muscle("brow_down", "brow inner", (-20, -26, 9), 3.0, 24),  # corrugator, procerus
     Muscle("brow_down", "brow middle", (-26, -22, 15), 5.5, 26),
 )
-"""Each |gradient|, about ``pi / 2 * pull / reach``, is below 1: no muscle by itself folds the skin over."""
+"""The size of each gradient, about ``pi / 2 * pull / reach``, is below 1: no muscle by itself folds the skin over."""
 
 RING_REACH_MM = 26.0
 NARROW, EVERT = 0.22, 0.05

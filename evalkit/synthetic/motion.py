@@ -181,7 +181,7 @@ def head_angles(
     times : ndarray, shape (F,)
         Time of every frame, s, from 0.
     range_deg : sequence of 3 float
-        Largest |angle| from neutral that nod, turn and tilt reach in the take, deg. An axis with 0 stays
+        Largest size of the angle of nod, turn and tilt from neutral in the take, deg. An axis with 0 stays
         exactly at 0.
     speed : float
         Fastest change of posture about one axis, deg/s.

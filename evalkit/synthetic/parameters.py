@@ -95,7 +95,7 @@ class Parameters:
     rate : float
         Frames per second, Hz.
     range_deg : (float, float, float)
-        Largest |angle| that nod (about x), turn (about y) and tilt (about z) reach, deg; an axis with 0
+        Largest size of the angle of nod (about x), turn (about y) and tilt (about z), deg; an axis with 0
         does not move at all. One number stands for all three.
     speed : float
         Fastest change of posture about one axis, deg/s.
