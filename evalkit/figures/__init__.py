@@ -45,6 +45,7 @@ MODULES = (
     "rbf_kernels",
     "kernels_lips",
     "seam_treatments",
+    "seam",
     "static_points",
     "marker_count",
     "kernel_scale",

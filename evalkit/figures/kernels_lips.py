@@ -22,7 +22,8 @@ TRUTH = "truth"
 LOW, HIGH = np.array([-38.0, -76.0]), np.array([38.0, -8.0])
 """Rows are kept of the skin that is between these x and y at rest, mm."""
 
-CAMERA = Camera((0.0, -45.0, 110.0), 32.0)
+MIDDLE = (0.0, -45.0, 110.0)
+HALF_MM = 32.0
 BACKDROP_MM = 60.0
 LIMIT_MM = 10.0
 
@@ -58,7 +59,7 @@ def draw(table: Table) -> Any:
     """The figure."""
     from matplotlib.figure import Figure
 
-    head, rows = built_in_head(), table.rows
+    head, rows, camera = built_in_head(), table.rows, Camera(MIDDLE, HALF_MM)
     true = rows[rows["panel"] == TRUTH].sort_values("vertex")
     vertices = true["vertex"].to_numpy()
     triangles = local_triangles(head.part_triangles("skin"), vertices)
@@ -78,8 +79,8 @@ def draw(table: Table) -> Any:
             wanted.append((grid[row, column], part, f"{words}\nlips {rms:.1f} mm rms", off))
     for axes, part, title, off in wanted:
         places = part[list(XYZ)].to_numpy(dtype=float)
-        picture = coloured_skin(places, triangles, off, CAMERA, limits=(0.0, LIMIT_MM), backdrop_mm=BACKDROP_MM)
-        close_up(axes, picture, CAMERA, 10.0)
+        picture = coloured_skin(places, triangles, off, camera, limits=(0.0, LIMIT_MM), backdrop_mm=BACKDROP_MM)
+        close_up(axes, picture, camera, 10.0)
         worn = part[part["marker"].notna()]
         axes.scatter(worn["x_mm"], worn["y_mm"], s=9, c="white", edgecolors="black", linewidths=0.6)
         axes.set_title(title, fontsize=7)
