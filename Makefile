@@ -2,15 +2,20 @@
 #   make demo   environment, install, then the main job on the bundled capture
 #   make test   the same environment with the test tools, then lint, types and tests
 #   make bench  frames per second of an animated head
-# and make regress compares the accuracy of every method with the baselines, make studies reruns some studies.
+#   make package      wheel and sdist, and the wheel in an empty environment
+#   make test-oldest  the lowest versions that pyproject.toml promises (Python 3.11)
+# make test VENV=.venv-3.13 PYTHON=python3.13 runs the tests on another Python;
+# make regress compares the accuracy of every method with the baselines, make studies reruns some studies.
 PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 DEMO ?= demo
+OLDEST ?= .venv-oldest
+OLDEST_PYTHON ?= python3.11
 FIGURES ?= figures
 
-.PHONY: demo docs figures bench test test-slow studies regress lint types check lab clean
+.PHONY: demo docs figures bench test test-slow studies regress test-oldest package lint types check lab clean
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -37,6 +42,23 @@ test: $(VENV)/installed-test lint types
 
 test-slow: $(VENV)/installed-test
 	$(BIN)/python -m pytest -m slow
+
+# Warnings of old packages about newer ones that they use are not evalkit's.
+OLDEST_TESTS := tests/contracts/test_pose_contract.py tests/test_cli.py tests/test_bundled.py tests/test_render.py \
+  tests/test_report.py tests/test_study.py tests/test_plugins.py tests/test_doctests.py
+test-oldest: $(OLDEST)/installed-test
+	$(OLDEST)/bin/python -m pytest -m "not slow and not timing" \
+	  -W ignore::DeprecationWarning -W ignore::PendingDeprecationWarning $(OLDEST_TESTS)
+
+$(OLDEST)/installed-test: pyproject.toml constraints-oldest.txt
+	$(OLDEST_PYTHON) -m venv $(OLDEST)
+	$(OLDEST)/bin/python -m pip --disable-pip-version-check --quiet install -c constraints-oldest.txt -e '.[test]'
+	@touch $@
+
+package: $(VENV)/installed-test
+	rm -rf dist
+	$(BIN)/python -m build --no-isolation --outdir dist .
+	PYTHON=$(BIN)/python .ci/try-wheel dist/*.whl
 
 bench: $(VENV)/installed
 	$(BIN)/evalkit bench
@@ -72,4 +94,4 @@ lab: $(VENV)/installed
 	$(BIN)/jupyter lab notebooks
 
 clean:
-	rm -rf $(VENV) $(DEMO) .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) $(OLDEST) dist $(DEMO) .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -6,6 +6,7 @@ Layout and codes are those of "The C3D file format user guide", Motion Lab Syste
 from __future__ import annotations
 
 from enum import IntEnum
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -47,7 +48,7 @@ class Processor(IntEnum):
         """Which of a real's four bytes holds the sign in its top bit."""
         return {Processor.PC: 3, Processor.DEC: 1, Processor.MIPS: 0}[self]
 
-    def decode(self, stored: NDArray) -> NDArray[np.float64]:
+    def decode(self, stored: NDArray[Any]) -> NDArray[np.float64]:
         """Stored integers or reals of this processor as float64."""
         if stored.dtype.kind == "u":
             return vax_to_float64(stored)
@@ -55,7 +56,7 @@ class Processor(IntEnum):
         with np.errstate(invalid="ignore"):
             return stored.astype(np.float64)
 
-    def encode(self, values: ArrayLike, dtype: np.dtype) -> NDArray:
+    def encode(self, values: ArrayLike, dtype: np.dtype) -> NDArray[Any]:
         """Float64 values as this processor stores them; `dtype` is one of its two types."""
         array = np.asarray(values, dtype=np.float64)
         if dtype.kind == "i":
@@ -65,7 +66,7 @@ class Processor(IntEnum):
         return array.astype(dtype)
 
 
-def vax_to_float64(stored: NDArray) -> NDArray[np.float64]:
+def vax_to_float64(stored: NDArray[Any]) -> NDArray[np.float64]:
     """VAX F_floating, read as little-endian 4-byte words, to float64.
 
     The two 16-bit halves are swapped against IEEE 754 and the exponent is biased by two more. A zero
@@ -84,7 +85,7 @@ def vax_to_float64(stored: NDArray) -> NDArray[np.float64]:
     return values
 
 
-def float64_to_vax(values: NDArray[np.float64]) -> NDArray:
+def float64_to_vax(values: NDArray[np.float64]) -> NDArray[Any]:
     """Float64 (at most 8e37 in magnitude) to VAX F_floating as little-endian 4-byte words."""
     quadrupled = (values * 4.0).astype(np.float32)
     bits = np.atleast_1d(quadrupled).view(np.uint32)

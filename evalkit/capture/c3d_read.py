@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,7 +74,7 @@ class Layout:
         """Byte after the last frame."""
         return self.start + self.frames * self.frame_bytes
 
-    def samples(self, raw: bytes) -> NDArray:
+    def samples(self, raw: bytes) -> NDArray[Any]:
         """All samples as stored, a view of `raw`, shape (F, columns)."""
         count = self.frames * self.columns
         return np.frombuffer(raw, self.dtype, count, self.start).reshape(self.frames, self.columns)

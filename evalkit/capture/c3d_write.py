@@ -8,7 +8,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Sequence
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,7 +76,7 @@ def _divisor(take: Capture) -> NDArray[np.float64] | float:
 
 
 def _fill_points(
-    stored: NDArray, points: NDArray[np.float64], divisor: NDArray[np.float64] | float, processor: Processor
+    stored: NDArray[Any], points: NDArray[np.float64], divisor: NDArray[np.float64] | float, processor: Processor
 ) -> None:
     """Replace x, y, z in stored samples, shape (n, M, 4), and the residual of points that came or went."""
     dtype = stored.dtype

@@ -149,19 +149,19 @@ def cubic(r: Array) -> Array:
 
 def wendland_c2(r: Array) -> Array:
     """``(1 - r)^4 (4 r + 1)`` up to 1, zero beyond."""
-    return np.maximum(1 - r, 0.0) ** 4 * (4 * r + 1)
+    return np.asarray(np.maximum(1 - r, 0.0) ** 4 * (4 * r + 1))
 
 
 def matern_3_2(r: Array) -> Array:
     """``(1 + s) exp(-s)``, s = sqrt(3) r."""
     s = np.sqrt(3.0) * r
-    return (1 + s) * np.exp(-s)
+    return np.asarray((1 + s) * np.exp(-s))
 
 
 def matern_5_2(r: Array) -> Array:
     """``(1 + s + s^2 / 3) exp(-s)``, s = sqrt(5) r."""
     s = np.sqrt(5.0) * r
-    return (1 + s + s**2 / 3) * np.exp(-s)
+    return np.asarray((1 + s + s**2 / 3) * np.exp(-s))
 
 
 def shepard_weights(sites: Sites) -> Array:

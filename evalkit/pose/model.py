@@ -41,7 +41,7 @@ class Pose:
     @property
     def ok(self) -> np.ndarray:
         """Frames whose pose is known, shape (F,) bool."""
-        return self.status == FrameStatus.OK
+        return np.asarray(self.status == FrameStatus.OK)
 
     @property
     def known(self) -> slice | np.ndarray:
@@ -205,7 +205,7 @@ def _second_moment(points: Array, seen: np.ndarray) -> Array:
     part = seen[:, :, None]
     count = np.maximum(part.sum(axis=1, keepdims=True), 1)
     centred = points - points.sum(axis=1, where=part, keepdims=True) / count
-    return np.where(part, centred, 0.0).transpose(0, 2, 1) @ centred
+    return np.asarray(np.where(part, centred, 0.0).transpose(0, 2, 1) @ centred)
 
 
 def _in_one_line(second: Array) -> np.ndarray:
