@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import lru_cache
@@ -125,7 +126,10 @@ def open_plotter(width: int, height: int, **options: Any) -> pyvista.Plotter:
     """
     require_offscreen()
     try:
-        import pyvista
+        with warnings.catch_warnings():
+            # PyVista's progress bars miss a package in notebooks; none of them is shown here.
+            warnings.filterwarnings("ignore", "IProgress not found")
+            import pyvista
     except ImportError as error:
         # VTK before 9.4 links against libGL and X and cannot even be imported without them.
         raise EvalkitError(f"VTK cannot be loaded ({error}); install it with: {APT_LINE} libgl1 libxrender1") from error
