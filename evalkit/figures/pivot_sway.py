@@ -47,7 +47,8 @@ def draw(table: Table) -> Any:
         for method in shown:
             forced: Any = {"marker": FORCED[method], "color": BLUE, "alpha": 0.45} if method in FORCED else {}
             curve(panel, table.of(statistic, method), "sway_mm", method, **forced)
-        found = table.summary[(table.summary["statistic"] == statistic) & table.summary["method"].isin(shown)]
+        found = table.of(statistic)
+        found = found[found["method"].isin(shown)]
         plain_log(panel.yaxis, 0.8 * found["value"].min(), 1.4 * found["high"].fillna(found["value"]).max())
         panel.set_xlabel("sway, mm")
         panel.set_ylabel(label)

@@ -40,20 +40,25 @@ class Table:
     facts: dict[str, Any]
 
     @cached_property
-    def summary(self) -> pd.DataFrame:
-        """A row per condition, method and statistic: value, low and high (95 %), seeds, failed."""
+    def _summaries(self) -> dict[str, pd.DataFrame]:
+        return {}
+
+    def _summary(self, statistic: str) -> pd.DataFrame:
+        """A row per condition and method: value, low and high (95 %), seeds, failed."""
         import pandas as pd
 
         if self.study is None:
             raise LookupError("only rows of a study have statistics")
-        rows = self.rows.to_dict("records")
-        known = {*self.rows.columns}
-        statistics = [s for s in self.study.statistics if known.issuperset(s.columns)]
-        return pd.DataFrame(summarised(self.study, rows, statistics))
+        # One at a time: resampling all that a study has takes longer than the drawing.
+        if statistic not in self._summaries:
+            wanted = next(s for s in self.study.statistics if s.name == statistic)
+            rows = self.rows.to_dict("records")
+            self._summaries[statistic] = pd.DataFrame(summarised(self.study, rows, [wanted]))
+        return self._summaries[statistic]
 
     def of(self, statistic: str, method: str | None = None, **where: Any) -> pd.DataFrame:
         """The part of the summary about one statistic, of one method, where axes have these values."""
-        found = self.summary[self.summary["statistic"] == statistic]
+        found = self._summary(statistic)
         if method is not None:
             found = found[found["method"] == method]
         for axis, value in where.items():
