@@ -15,7 +15,7 @@ OLDEST ?= .venv-oldest
 OLDEST_PYTHON ?= python3.11
 FIGURES ?= figures
 
-.PHONY: demo docs figures bench test test-slow studies regress test-oldest package lint types check lab clean
+.PHONY: demo docs notebooks figures bench test test-slow studies regress test-oldest package lint types check lab clean
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -90,8 +90,18 @@ lint: $(VENV)/installed-test
 types: $(VENV)/installed-test
 	$(BIN)/mypy
 
-lab: $(VENV)/installed
+lab: $(VENV)/installed-test
 	$(BIN)/jupyter lab notebooks
+
+# Executed copies with their outputs, which the documentation shows; 'make -j2 notebooks' runs two at a time.
+NOTEBOOKS := $(patsubst notebooks/%,build/notebooks/%,$(wildcard notebooks/*.ipynb))
+notebooks: $(NOTEBOOKS)
+	@! grep -l '"name": "stderr"' $(NOTEBOOKS) || { echo "these notebooks show warnings"; exit 1; }
+
+build/notebooks/%.ipynb: notebooks/%.ipynb $(shell find evalkit -name '*.py') | $(VENV)/installed-test
+	@rm -f $@
+	PYVISTA_JUPYTER_BACKEND=static $(BIN)/jupyter nbconvert --execute --coalesce-streams --to notebook \
+	  --output-dir $(@D) --log-level WARN --KernelManager.transport=ipc $<
 
 clean:
 	rm -rf $(VENV) $(OLDEST) dist $(DEMO) .pytest_cache .mypy_cache .ruff_cache .hypothesis
