@@ -131,7 +131,7 @@ def figures() -> str:
             continue
         known = json.loads(facts.read_text(encoding="utf-8"))
         files = [path for path in sorted(folder.glob(f"{name}.*")) if path != picture]
-        links = ", ".join(f"{{download}}`{path.suffix[1:].upper()} <../../paper_figures/{path.name}>`" for path in files)
+        links = ", ".join(f"{{download}}`{p.suffix[1:].upper()} <../../paper_figures/{p.name}>`" for p in files)
         parts.append(
             f"(figure-{name})=\n## {name}\n\n```{{image}} ../../paper_figures/{picture.name}\n:alt: {name}\n```\n\n"
             f"{_sentence(known['caption'])}\n\n```console\n$ {known['command']}\n```\n\nData: {links}\n"
