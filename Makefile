@@ -73,7 +73,8 @@ figures: $(VENV)/installed
 
 # The site in build/docs, notebooks with their outputs included; opens from its files, without a server or a network.
 docs: $(VENV)/installed-docs notebooks
-	$(BIN)/sphinx-build --fail-on-warning --keep-going --nitpicky --fresh-env --quiet docs build/docs
+	rm -rf build/docs
+	$(BIN)/sphinx-build --fail-on-warning --keep-going --nitpicky --jobs 2 --quiet docs build/docs
 	EVALKIT_SITE=build/docs $(BIN)/python -m pytest tests/test_docs.py -k "site or entry"
 
 $(VENV)/installed-docs: pyproject.toml constraints.txt | $(BIN)/python

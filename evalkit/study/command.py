@@ -51,7 +51,7 @@ def run_studies(
     Raises
     ------
     EvalkitError
-        As :func:`evalkit.study.run`; if an axis or a method is not one of the study's; after all is written, if
+        As :func:`evalkit.study.runner.run`; if an axis or a method is not one of the study's; after all is written, if
         every row of a study failed.
     """
     from evalkit.study.runner import run
