@@ -102,7 +102,7 @@ notebooks: $(NOTEBOOKS)
 build/notebooks/%.ipynb: notebooks/%.ipynb $(shell find evalkit -name '*.py') | $(VENV)/installed-test
 	@rm -f $@
 	PYVISTA_JUPYTER_BACKEND=static $(BIN)/jupyter nbconvert --execute --coalesce-streams --to notebook \
-	  --output-dir $(@D) --log-level WARN --KernelManager.transport=ipc $<
+	  --output-dir $(@D) --log-level WARN $<
 
 clean:
 	rm -rf $(VENV) $(OLDEST) dist $(DEMO) .pytest_cache .mypy_cache .ruff_cache .hypothesis
