@@ -45,7 +45,7 @@ def grid(
     made, panels = canvas(
         width_in, height_in, nrows=len(rows), ncols=len(columns), sharex=True, sharey="row", squeeze=False
     )
-    for line, row in zip(panels, rows, strict=True):
+    for number, (line, row) in enumerate(zip(panels, rows, strict=True)):
         ends = []
         for panel, (title, where) in zip(line, columns.items(), strict=True):
             at_values(panel, table.rows[axis], log_x)
@@ -53,9 +53,9 @@ def grid(
                 found = table.of(row.statistic, method, **where)
                 curve(panel, found, axis, method)
                 ends.append(found[["value", "low", "high"]])
-            if line is panels[0]:
+            if number == 0:
                 panel.set_title(title)
-            if line is panels[-1]:
+            if number == len(rows) - 1:
                 panel.set_xlabel(label)
         if row.log:
             low = min(e.min(axis=None) for e in ends if len(e))

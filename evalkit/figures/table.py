@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -235,6 +236,8 @@ def _checked(figure: ModuleType, table: Table, path: Path) -> Table:
 def read_rows(path: Path) -> pd.DataFrame:
     """A table of rows as :func:`evalkit.study.table.write_csv` wrote it, to the last bit.
 
+    Only an empty cell is no value: methods may be called "none".
+
     Raises
     ------
     EvalkitError
@@ -243,13 +246,28 @@ def read_rows(path: Path) -> pd.DataFrame:
     import pandas as pd
 
     try:
-        text = path.read_text(encoding="utf-8")
-        # Only an empty cell is no value: methods may be called "none".
-        return pd.read_csv(io.StringIO(text), keep_default_na=False, na_values=[""], float_precision="round_trip")
-    except (OSError, UnicodeDecodeError, ValueError, csv.Error) as error:
+        lines = list(csv.reader(io.StringIO(path.read_text(encoding="utf-8")), strict=True))
+        if not lines:
+            raise ValueError("empty")
+        for number, line in enumerate(lines, start=1):
+            if len(line) != len(lines[0]):
+                raise ValueError(f"line {number} has {len(line)} cells, the first {len(lines[0])}")
+    except (OSError, ValueError, csv.Error) as error:
         raise EvalkitError(
             f"{path}: cannot be read as a table ({getattr(error, 'strerror', None) or error})"
         ) from error
+    head, *body = lines
+    return pd.DataFrame({name: _typed([line[k] for line in body]) for k, name in enumerate(head)}, columns=head)
+
+
+def _typed(cells: list[str]) -> list[Any]:
+    """Cells of a column as whole numbers, as numbers, or as they are."""
+    for kind in (int, float):
+        try:
+            return [kind(cell) if cell else math.nan for cell in cells]
+        except ValueError:
+            continue
+    return [cell or math.nan for cell in cells]
 
 
 def _read_json(path: Path) -> dict[str, Any]:
