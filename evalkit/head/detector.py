@@ -10,7 +10,7 @@ import contextlib
 import os
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -64,9 +64,24 @@ def landmarker_weights(weights: str | Path | None = None) -> Path:
     return path
 
 
+class Face(NamedTuple):
+    """A face that was found.
+
+    Attributes
+    ----------
+    landmarks : ndarray, shape (478, 3), pixels
+        x to the right, y down, and away from the camera.
+    rotation : ndarray, shape (3, 3)
+        From the face (x to its left, y up, z forward) to the camera (x to the right, y up, z towards it).
+    """
+
+    landmarks: Array
+    rotation: Array
+
+
 @contextlib.contextmanager
 def landmarker(weights: str | Path | None = None, confidence: float = CONFIDENCE) -> Iterator[Any]:
-    """A function from a picture (H, W, 3) to its faces' landmarks, an array (478, 3) in pixels for each.
+    """A function from a picture (H, W, 3) to the list of its faces.
 
     Raises
     ------
@@ -85,6 +100,7 @@ def landmarker(weights: str | Path | None = None, confidence: float = CONFIDENCE
     options = vision.FaceLandmarkerOptions(
         base_options=tasks.BaseOptions(model_asset_path=str(path)),
         num_faces=4,
+        output_facial_transformation_matrixes=True,
         min_face_detection_confidence=confidence,
         min_face_presence_confidence=confidence,
     )
@@ -94,12 +110,14 @@ def landmarker(weights: str | Path | None = None, confidence: float = CONFIDENCE
         raise EvalkitError(f"{path}: not the weights of the face landmarker ({str(error).splitlines()[0]})") from error
     with opened as detector:
 
-        def detect(picture: Array) -> list[Array]:
+        def detect(picture: Array) -> list[Face]:
             data = np.ascontiguousarray(picture[..., :3])
             found = detector.detect(mediapipe.Image(image_format=mediapipe.ImageFormat.SRGB, data=data))
             # The third coordinate is in units of the picture's width.
             size = np.array([data.shape[1], data.shape[0], data.shape[1]])
-            return [np.array([[p.x, p.y, p.z] for p in face]) * size for face in found.face_landmarks]
+            places = [np.array([[p.x, p.y, p.z] for p in face]) * size for face in found.face_landmarks]
+            turns = [np.array(matrix)[:3, :3] for matrix in found.facial_transformation_matrixes]
+            return [Face(place, turn) for place, turn in zip(places, turns, strict=True)]
 
         yield detect
 
@@ -114,13 +132,13 @@ def detect_face(photo: Photo, weights: str | Path | None = None) -> dict[str, Ar
     """
     height, width = photo.pixels.shape[:2]
     with landmarker(weights) as detect:
-        faces = detect(photo.pixels)
+        faces = [face.landmarks for face in detect(photo.pixels)]
         if not faces:
             # The detector looks at a small picture of the whole: a small face is found only in a part of it.
             for top in (0, height // 4, height // 2):
                 for left in (0, width // 4, width // 2):
                     part = photo.pixels[top : top + height // 2, left : left + width // 2]
-                    faces += [face + np.array([left, top, 0.0]) for face in detect(part)]
+                    faces += [face.landmarks + [left, top, 0.0] for face in detect(part)]  # noqa: RUF005
     if not faces:
         raise EvalkitError(
             f"{photo.path}: no face found; crop the photo so that the head fills about half of it, or give the points, "

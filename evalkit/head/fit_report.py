@@ -94,7 +94,7 @@ class FitReport:
             f"{self.reprojection_max_px:.2f} at most ({self.worst_point}); {self.pixels_per_mm:.2f} px/mm",
             f"face in the photo: yaw {self.yaw_deg:+.0f}, pitch {self.pitch_deg:+.0f}, roll {self.roll_deg:+.0f} deg",
             f"warp of the given head: area x {self.warp_area['p5']:.2f} to {self.warp_area['p95']:.2f}, one way more "
-            f"than the other x {self.warp_angle['p95']:.2f}; photo drawn out x {self.projection_stretch['p95']:.1f} (95 %)",
+            f"than the other x {self.warp_angle['p95']:.2f}; photo drawn out x {self.projection_stretch['p95']:.1f}",
             f"depth beside real heads: {deep}",
             *(f"warning: {text}" for text in self.status.values()),
         ]

@@ -13,13 +13,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from evalkit.geometry import Array
 from evalkit.head.mesh import triangle_normals
 from evalkit.head.model import Head, Indices
 from evalkit.head.photo import Photo
 from evalkit.head.photo_cutout import doubled, filled, foreground, sampled, silhouette
 from evalkit.head.photo_warp import Similarity
-from evalkit.head.texture import mix, ramp
+from evalkit.head.texture import Array, mix, ramp
 
 SKIN_LOWEST_V = 0.25
 """Heads of this package have their skin above this height of the picture, and tiles of other parts below."""
