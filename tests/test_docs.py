@@ -216,7 +216,15 @@ def run_recipe(text: str, folder: Path) -> None:
                 assert result.exit_code == 0, f"{line}\n{result.output}"
 
 
-@pytest.mark.parametrize("path", RECIPES, ids=lambda path: path.stem)
+HEAVY = ("add-kernel", "drive-a-head", "import-head")
+"""Recipes that build a head; ``make docs`` runs them, too."""
+
+
+@pytest.mark.parametrize(
+    "path",
+    [pytest.param(path, marks=[pytest.mark.slow] if path.stem in HEAVY else []) for path in RECIPES],
+    ids=lambda path: path.stem,
+)
 def test_recipe_runs(path, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MPLBACKEND", "agg")

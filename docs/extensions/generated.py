@@ -6,6 +6,7 @@ A line ``% generated: NAME ARGUMENTS`` in a page is replaced by the Markdown of 
 from __future__ import annotations
 
 import ast
+import contextlib
 import functools
 import inspect
 import json
@@ -189,7 +190,8 @@ def _defined(module: str) -> list[str]:
         if isinstance(statement, ast.FunctionDef | ast.ClassDef):
             found.append(statement.name)
         explained = isinstance(after, ast.Expr) and isinstance(getattr(after.value, "value", None), str)
-        if explained and isinstance(statement, ast.Assign | ast.AnnAssign):
+        alias = isinstance(getattr(statement, "value", None), ast.Subscript)  # of a type: its words are NumPy's
+        if explained and not alias and isinstance(statement, ast.Assign | ast.AnnAssign):
             targets = statement.targets if isinstance(statement, ast.Assign) else [statement.target]
             found += [target.id for target in targets if isinstance(target, ast.Name)]
     return [name for name in found if not name.startswith("_")]
@@ -271,18 +273,22 @@ def _documented(env: Any) -> list[str]:
 
 @functools.cache
 def _import(path: str) -> Any:
-    """What a dotted path stands for among the modules that are loaded, or None."""
+    """What a dotted path stands for in evalkit or in a module that is loaded, or None."""
     parts = path.split(".")
-    for cut in range(len(parts), 0, -1):
-        found: Any = sys.modules.get(".".join(parts[:cut]))
-        if found is None:
+    found: Any = None
+    for end in range(1, len(parts) + 1):
+        name = ".".join(parts[:end])
+        with contextlib.suppress(ImportError, KeyError):  # a page may have been read in another process
+            found = import_module(name) if parts[0] == "evalkit" else sys.modules[name]
             continue
-        for part in parts[cut:]:
-            # Attributes of a dataclass without a default are annotations only.
-            annotated = part in getattr(found, "__annotations__", {})
-            found = getattr(found, part, part if annotated else None)
+        break
+    else:
         return found
-    return None
+    for part in parts[end - 1 :]:
+        # Attributes of a dataclass without a default are annotations only.
+        annotated = part in getattr(found, "__annotations__", {})
+        found = getattr(found, part, part if annotated else None)
+    return found
 
 
 def plain_citations(app: Sphinx, what: str, name: str, thing: Any, options: Any, lines: list[str]) -> None:
