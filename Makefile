@@ -75,7 +75,7 @@ figures: $(VENV)/installed
 docs: $(VENV)/installed-docs notebooks
 	rm -rf build/docs
 	$(BIN)/sphinx-build --fail-on-warning --keep-going --nitpicky --jobs 2 --quiet docs build/docs
-	EVALKIT_SITE=build/docs $(BIN)/python -m pytest tests/test_docs.py -k "site or entry"
+	EVALKIT_SITE=build/docs $(BIN)/python -m pytest -n 2 -m "" tests/test_docs.py -k "site or entry or recipe"
 
 $(VENV)/installed-docs: pyproject.toml constraints.txt | $(BIN)/python
 	$(PIP) install -c constraints.txt -e '.[test,docs]'
