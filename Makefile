@@ -101,7 +101,7 @@ notebooks: $(NOTEBOOKS)
 
 build/notebooks/%.ipynb: notebooks/%.ipynb $(shell find evalkit -name '*.py') | $(VENV)/installed-test
 	@rm -f $@
-	PYVISTA_JUPYTER_BACKEND=static $(BIN)/jupyter nbconvert --execute --coalesce-streams --to notebook \
+	PYVISTA_JUPYTER_BACKEND=static $(BIN)/jupyter nbconvert --execute --CoalesceStreamsPreprocessor.enabled=True --to notebook \
 	  --output-dir $(@D) --log-level WARN $<
 
 clean:
