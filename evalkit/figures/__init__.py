@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 MODULES = (
     "huang_1",
+    "huang_2",
     "huang_3",
     "huang_4",
     "huang_5",
