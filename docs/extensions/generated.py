@@ -43,17 +43,6 @@ def methods(kind: str) -> str:
     )
 
 
-def peers() -> str:
-    """Entries that call other packages, with what they call."""
-    rows = []
-    for module in ("pose", "pivot"):
-        for name, value in vars(import_module(f"evalkit.peers.{module}")).items():
-            if inspect.isfunction(value) and value.__module__ == f"evalkit.peers.{module}" and name[0] != "_":
-                text = inspect.getdoc(value) or ""
-                rows.append((module, f"{text.partition('.  ')[0].splitlines()[0]}"))
-    return table(("answers", "call"), rows)
-
-
 def kernels() -> str:
     """Kernels of the deformation map."""
     own = import_module("evalkit.deform.kernels").OWN
@@ -222,7 +211,7 @@ def tutorials() -> str:
 GENERATORS: dict[str, Callable[..., str]] = {
     function.__name__: function
     for function in (
-        methods, peers, kernels, presets, parameters, studies, commands, figures, public, modules, changelog, tutorials
+        methods, kernels, presets, parameters, studies, commands, figures, public, modules, changelog, tutorials
     )
 }  # fmt: skip
 
