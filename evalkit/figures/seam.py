@@ -66,7 +66,8 @@ def draw(table: Table) -> Any:
     head, rows = built_in_head(), table.rows
     corner = head.marker_sites["MouthL"]
     made = Figure(figsize=(PAGE_IN, 4.3), layout="constrained")
-    above, below = made.subfigures(2, 1, height_ratios=(2.1, 2.2))
+    halves: Any = made.subfigures(2, 1, height_ratios=(2.1, 2.2))
+    above, below = halves
     grid, curves = above.subplots(1, len(TREATMENTS)), below.subplots()
     most = float(np.linalg.norm(rows[list(XYZ)].to_numpy(), axis=1).max())
     for axes, letter, (treatment, name) in zip(grid, "abcd", TREATMENTS.items(), strict=True):

@@ -76,7 +76,7 @@ def coloured_skin(
 
     yaw, pitch = np.deg2rad([camera.yaw_deg, camera.pitch_deg])
     side = np.array([np.sin(yaw) * np.cos(pitch), np.sin(pitch), np.cos(yaw) * np.cos(pitch)])
-    mesh = pyvista.PolyData.from_regular_faces(np.asarray(vertices, dtype=np.float64), triangles)
+    mesh = pyvista.PolyData.from_regular_faces(np.asarray(vertices, dtype=np.float64), triangles.astype(int))
     look: dict[str, Any] = {"color": "#c9c4be"}
     if values is not None:
         mesh.point_data["value"] = values
