@@ -33,6 +33,7 @@ MODULES = (
     "marker_count",
     "kernel_scale",
     "units",
+    "photo_fit",
 )
 """Files of this folder that hold a ``study``, by theme; ``studies`` is the table of them, name to study, from which
 the command line and the tests take their lists. They are imported when it is first looked at."""
