@@ -48,10 +48,15 @@ def measure(budget: str) -> list[dict[str, Any]]:
                 )
                 keys = {"start_mm": start, "method": method, "seed": seed}
                 rows += [
-                    {**keys, "evaluations": int(n), "minimum_mm": float(a), "pivot_mm": float(b)}
+                    {**keys, "evaluations": int(n), "minimum_mm": _five(a), "pivot_mm": _five(b)}
                     for n, a, b in zip(CALLS, off, error, strict=True)
                 ]
     return rows
+
+
+def _five(value: float) -> float:
+    """Five digits: with all of them the table would be a megabyte."""
+    return float(f"{value:.5g}")
 
 
 def _distance(path: Array, calls: Array, place: Array) -> Array:
