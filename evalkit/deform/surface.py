@@ -26,7 +26,8 @@ def edges(triangles: ArrayLike) -> np.ndarray:
 
 def edge_graph(vertices: Array, triangles: ArrayLike) -> sp.csr_array:
     """Lengths of the edges as a sparse symmetric matrix (V, V)."""
-    a, b = edges(triangles).T
+    # SciPy's shortest paths, until 1.14 at least, take indices of 32 bits only.
+    a, b = edges(triangles).astype(np.int32).T
     length = np.linalg.norm(vertices[a] - vertices[b], axis=1)
     # A length of zero would read as "no edge".
     half = sp.coo_array((np.maximum(length, 1e-12), (a, b)), shape=(len(vertices),) * 2)
