@@ -180,6 +180,8 @@ def _with_plate(head: Head, look: Look, size: int) -> tuple[Head, Array]:
         which = head.part_vertices("plate")
         vertices, uv = head.vertices.copy(), head.uv.copy()
         unit = (vertices[which, :2] - vertices[which, :2].min(axis=0)) / np.ptp(vertices[which, :2], axis=0)
+        # Not to the last pixel: pictures repeat, and what lies at the other end would show as a line.
+        unit = 0.003 + 0.994 * unit
         vertices[which, :2] = look.low + unit * (look.high - look.low)
         uv[which] = unit
         head = replace(head, vertices=vertices, uv=uv)
