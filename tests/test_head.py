@@ -25,7 +25,7 @@ from evalkit.head.check import check_head
 from evalkit.head.mesh import closest_points, components, directed_edges, triangle_normals
 from evalkit.head.places import all_landmarks
 from evalkit.head.surface import field
-from evalkit.head.template import make_grid
+from evalkit.head.template import make_grid, make_template
 from evalkit.synthetic.layouts import PAPER_23
 
 JAW_DEG = (0.0, 7.5, 15.0, 30.0)
@@ -34,7 +34,7 @@ CLOSED = (0.0, 0.25, 0.5, 0.75, 1.0)
 
 @lru_cache(maxsize=4)
 def template(vertices: int = 11_000) -> Head:
-    return load_head("template", vertices=vertices)
+    return make_template(vertices)
 
 
 @lru_cache(maxsize=1)
@@ -191,9 +191,43 @@ def test_it_is_symmetric_and_the_same_every_time():
     head = template()
     distance, _ = cKDTree(head.vertices).query(head.vertices * [-1, 1, 1])
     assert distance.max() < 1e-9
-    again = load_head("template")
+    again = make_template()
     assert (again.vertices == head.vertices).all() and (again.triangles == head.triangles).all()
     assert (again.texture == head.texture).all()
+
+
+def same(one, other):
+    """Whether two heads, or parts of them, are equal to the last bit."""
+    if dataclasses.is_dataclass(one):
+        return all(same(getattr(one, f.name), getattr(other, f.name)) for f in dataclasses.fields(one))
+    if isinstance(one, dict):
+        return list(one) == list(other) and all(same(one[key], other[key]) for key in one)
+    if isinstance(one, np.ndarray):
+        return np.array_equal(one, other)
+    return one == other
+
+
+def test_a_kept_template_is_the_template(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    made = make_template(1000)
+    assert same(load_head("template", vertices=1000), made)
+    assert len(list((tmp_path / "evalkit").iterdir())) == 1
+    # Control: nothing is made any more, and what is read is held against the truth.
+    monkeypatch.setattr(evalkit.head.template, "make_template", lambda vertices: pytest.fail("made again"))
+    read = load_head("template", vertices=1000)
+    assert same(read, made)
+    assert not same(read, dataclasses.replace(made, vertices=made.vertices + 1e-12))
+
+
+def test_a_damaged_or_forbidden_cache_costs_only_time(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    made = load_head("template", vertices=1000)
+    (kept,) = (tmp_path / "evalkit").iterdir()
+    kept.write_bytes(kept.read_bytes()[:1000])
+    assert same(load_head("template", vertices=1000), made)
+    assert kept.stat().st_size > 1000
+    monkeypatch.setenv("XDG_CACHE_HOME", str(kept))  # a file: no folder can be made in it
+    assert same(load_head("template", vertices=1000), made)
 
 
 def test_names():

@@ -42,9 +42,9 @@ def load_head(source: str | Path = "template", *, vertices: int | None = None) -
     ['hindbrain', 'neck', 'face', 'upper lip', 'lower lip']
     """
     if str(source) == "template":
-        from evalkit.head.template import DEFAULT_VERTICES, make_template
+        from evalkit.head.cached import kept_template
 
-        return make_template(vertices or DEFAULT_VERTICES)
+        return kept_template(vertices)
     if vertices is not None:
         raise EvalkitError(f"{source}: only the template can be made with another number of vertices")
     if str(source) == "makehuman":
