@@ -44,10 +44,10 @@ test-slow: $(VENV)/installed-test
 	$(BIN)/python -m pytest -m slow
 
 # Warnings of old packages about newer ones that they use are not evalkit's.
-OLDEST_TESTS := tests/contracts/test_pose_contract.py tests/test_cli.py tests/test_bundled.py tests/test_render.py \
-  tests/test_report.py tests/test_study.py tests/test_plugins.py tests/test_doctests.py
+OLDEST_TESTS := tests/contracts/test_pose_contract.py tests/contracts/test_kernel_contract.py tests/test_cli.py \
+  tests/test_render.py tests/test_report.py tests/test_study.py tests/test_doctests.py
 test-oldest: $(OLDEST)/installed-test
-	$(OLDEST)/bin/python -m pytest -m "not slow and not timing" \
+	$(OLDEST)/bin/python -m pytest -n 2 --dist worksteal -m "not slow and not timing" \
 	  -W ignore::DeprecationWarning -W ignore::PendingDeprecationWarning $(OLDEST_TESTS)
 
 $(OLDEST)/installed-test: pyproject.toml constraints-oldest.txt
