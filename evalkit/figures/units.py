@@ -48,6 +48,7 @@ def draw(table: Table) -> Any:
         lines(panel, units)
         panel.set_xlabel(label)
     plain_log(panels[0].xaxis, NOTHING / 3, 10.0)
+    panels[0].set_xticks([1e-16, 1e-12, 1e-8, 1e-4, 1.0])
     plain_log(panels[1].xaxis, 10.0, 1e6)
     panels[2].set_xlim(0.0, 1.15 * table.of("lips")["value"].max())
     panels[0].set_ylabel("unit of the head")
