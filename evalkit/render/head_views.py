@@ -74,8 +74,8 @@ SHEET = (
 """Front, three-quarter, from above, profile; mouth half and wide open, lids closed, wireframe."""
 
 FITTED_SHEET = (
-    View(zoom=1.3), View(yaw_deg=20.0, zoom=1.3), View(yaw_deg=-20.0, zoom=1.3), View(jaw_deg=15.0, zoom=1.3),
-    View(lids_closed=1.0, zoom=1.3),
+    View(zoom=1.02), View(yaw_deg=20.0, zoom=1.02), View(yaw_deg=-20.0, zoom=1.02), View(jaw_deg=15.0, zoom=1.02),
+    View(lids_closed=1.0, zoom=1.02),
 )  # fmt: skip
 """What a head fitted to a photo is judged by: front, turned to both sides, mouth open, lids closed."""
 
