@@ -79,6 +79,7 @@ REMOVED: dict[str, Callable[[pd.DataFrame], pd.DataFrame]] = {
     "huang-4": without(label="nose tip"),
     "huang-5": without(label="LowerLipC"),
     "kernels-lips": unmarked,
+    "photo-fit": without(name="jaw left"),
     "seam": holed,
 }
 """Scene to what takes one marker out of its rows; a part of the head or a vertex where it has no markers."""
@@ -90,6 +91,7 @@ SIZES = {
     "huang-4": VIEW_ANGLE,
     "huang-5": "evalkit.render.head_scene.MARGIN",
     "kernels-lips": "evalkit.figures.kernels_lips.HALF_MM",
+    "photo-fit": VIEW_ANGLE,
     "seam": "evalkit.figures.seam.HALF_MM",
 }
 """Scene to the number by which its camera shows everything larger or smaller."""

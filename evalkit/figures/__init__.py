@@ -51,6 +51,7 @@ MODULES = (
     "marker_count",
     "kernel_scale",
     "units",
+    "photo_fit",
     "frame_rate",
     "scaling",
 )

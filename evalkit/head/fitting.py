@@ -6,6 +6,7 @@ none.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -17,9 +18,12 @@ from evalkit.head.fit_report import FitReport, report_fit
 from evalkit.head.model import Head, Jaw, Lids
 from evalkit.head.photo import Photo
 from evalkit.head.photo_texture import textured
-from evalkit.head.photo_warp import Similarity, Warp, similarity, warp_without_folds
+from evalkit.head.photo_warp import Similarity, similarity, warp_without_folds
 from evalkit.head.places import on_skin
 from evalkit.head.points import LANDMARK_POINTS, Points, check_points
+
+Map = Callable[[Array], Array]
+"""Places (K, 3), mm, to where they go."""
 
 TURNED_PARTS = ("upper teeth", "lower teeth", "tongue")
 """Parts that are hard or hidden: they are stretched as a whole and not bent."""
@@ -28,7 +32,7 @@ BALL_REACH_MM = 9.0
 """Skin so near to an eyeball rides on it; beyond, it keeps its depth."""
 
 
-def fit_head(photo: Photo, points: Points, head: Head | None = None) -> tuple[Head, FitReport]:
+def fit_head(photo: Photo, points: Points, head: Head | None = None, *, picture: bool = True) -> tuple[Head, FitReport]:
     """A head whose landmarks are seen where the points are, with the photo on it.
 
     Orthographic view: a similarity brings the head's landmarks to the points, a thin-plate spline takes up what is
@@ -42,6 +46,8 @@ def fit_head(photo: Photo, points: Points, head: Head | None = None) -> tuple[He
         At least :data:`evalkit.head.points.REQUIRED`.
     head : Head, optional
         The head to fit, by default the built-in one; it must have texture coordinates.
+    picture : bool
+        Whether the head gets the photo for its texture, which takes most of the time; without, it keeps its own.
 
     Returns
     -------
@@ -73,8 +79,8 @@ def fit_head(photo: Photo, points: Points, head: Head | None = None) -> tuple[He
     soft = head.vertices[head.soft_vertices]
     warp = warp_without_folds(source[:, :2], view.to_head(seen), names, float(eyes), soft)
     fitted = replace(carried(head, warp), name=f"{head.name} fitted to a photo")
-    fitted = textured(fitted, photo, view, places)
-    fitted = replace(fitted, provenance=_provenance(photo, points, view, head))
+    if picture:
+        fitted = replace(textured(fitted, photo, view, places), provenance=_provenance(photo, points, view, head))
     return fitted, report_fit(head, fitted, photo, view, warp, places)
 
 
@@ -88,8 +94,8 @@ def _provenance(photo: Photo, points: Points, view: Similarity, head: Head) -> d
     }
 
 
-def carried(head: Head, warp: Warp) -> Head:
-    """A head with all that it is made of moved by a warp of the plane.
+def carried(head: Head, warp: Map) -> Head:
+    """A head with all that it is made of moved by a smooth map: in a fit, a warp of the plane.
 
     Eyeballs stay balls, as much larger or smaller as the opening between the corners becomes wider; lids ride on them.
     What moves by joints or units moves to where its places at the end of the motion are carried.
@@ -122,7 +128,7 @@ def carried(head: Head, warp: Warp) -> Head:
     )  # fmt: skip
 
 
-def _carried_places(places: dict[str, Array], warp: Warp, vertices: Array, skin: Any) -> dict[str, Array]:
+def _carried_places(places: dict[str, Array], warp: Map, vertices: Array, skin: Any) -> dict[str, Array]:
     if not places:
         return {}
     moved = warp(np.array(list(places.values())))
@@ -136,7 +142,7 @@ def _as_a_whole(before: Array, after: Array) -> Array:
     return np.column_stack([one @ found, after[:, 2]])
 
 
-def _with_eyes(head: Head, lids: Lids, warp: Warp, new: Array) -> tuple[Array, Lids]:
+def _with_eyes(head: Head, lids: Lids, warp: Map, new: Array) -> tuple[Array, Lids]:
     """Vertices with eyeballs that are balls and lids that ride on them, and how those lids close."""
     closed = warp(head.posed(lids_closed=1.0))
     opened = new.copy()

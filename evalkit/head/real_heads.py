@@ -29,6 +29,18 @@ def _drawn() -> tuple[tuple[str, ...], Array, Array]:
     return tuple(facts["names"]), mean, aligned(mean + np.tensordot(weights, modes, axes=1), mean)
 
 
+def proportions_mm(number: int) -> dict[str, Array]:
+    """Where the landmarks of one drawn head lie, (3,) each, mm, from those of the mean head, as large as it.
+
+    Parameters
+    ----------
+    number : int
+        Of the head, from 0 to :data:`DRAWN` - 1.
+    """
+    names, mean, heads = _drawn()
+    return dict(zip(names, heads[number] - mean, strict=True))
+
+
 def aligned(points: Array, target: Array) -> Array:
     """Points (..., N, 3) moved, turned and scaled onto a target (N, 3) with the least squares error.
 

@@ -376,9 +376,9 @@ def beside(*pictures: Image) -> Image:
     return np.concatenate(_lettered(pictures), axis=1)
 
 
-def in_rows(pictures: Sequence[Image], columns: int) -> Image:
-    """Pictures of one size in rows, lettered (a), (b) and so on."""
-    return _filled(_lettered(pictures), columns)
+def in_rows(pictures: Sequence[Image], columns: int, first: int = 0) -> Image:
+    """Pictures of one size in rows, lettered (a), (b) and so on, or from another letter on."""
+    return _filled(_lettered(pictures, LETTERS[first:]), columns)
 
 
 def _filled(pictures: Sequence[Image], columns: int) -> Image:
@@ -389,8 +389,8 @@ def _filled(pictures: Sequence[Image], columns: int) -> Image:
     return np.concatenate(rows)
 
 
-def _lettered(pictures: Sequence[Image]) -> list[Image]:
-    return [_titled(one, f"({letter})", len(one) // 22) for one, letter in zip(pictures, LETTERS, strict=False)]
+def _lettered(pictures: Sequence[Image], letters: str = LETTERS) -> list[Image]:
+    return [_titled(one, f"({letter})", len(one) // 22) for one, letter in zip(pictures, letters, strict=False)]
 
 
 def _titled(picture: Image, text: str, font: int) -> Image:

@@ -8,13 +8,21 @@ changed.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
+import numpy as np
+
 from evalkit.compensation import compensate
+from evalkit.head import Head
+from evalkit.head.fit_report import FitReport
+from evalkit.head.fitting import fit_head
 from evalkit.metrics import expression_error_mm, rms, rotation_error_deg
 from evalkit.pivot import Pivot, pivot_estimators
 from evalkit.pose import Pose, pose_estimators, reference_pose
+from evalkit.studies.persons import Person, blank_photo, face_off_mm, landmarks_off_mm, person
 from evalkit.studies.takes import PAPER, HeadTake, estimate_pivot, head_take, own, score_pivot, told
 from evalkit.study.command import script
 from evalkit.study.description import Budget, Condition, Study
@@ -27,23 +35,47 @@ COMPENSATIONS: dict[str, dict[str, Any]] = {"forehead": {}, "auto": {"rigid": "a
 """Ways to compensate whose expression error is watched."""
 
 
+PERSON = "person"
+"""The preset that is no take: a person whose head is known, for fits to a photo."""
+
+PERSON_VERTICES = 3000
+
+FITS: dict[str, Callable[[Head, FitReport, Person], float]] = {
+    "reprojection": lambda head, report, who: report.reprojection_rms_px,
+    "landmarks": lambda head, report, who: rms(np.linalg.norm(landmarks_off_mm(head, who), axis=1)),
+    "face across": lambda head, report, who: rms(np.linalg.norm(face_off_mm(head, who)[:, :2], axis=1)),
+    "face along": lambda head, report, who: rms(face_off_mm(head, who)[:, 2]),
+}
+"""Measures of a fit to a photo: pixels at the points, then mm from the person's head, of the face's vertices across and
+along the view."""
+
+
 @dataclass(frozen=True, eq=False)
 class Found:
-    """What a method found: the pose of every frame, a pivot with it, or a whole compensation's points."""
+    """What a method found: the pose of every frame, a pivot with it, a whole compensation's points, or an error."""
 
     pose: Pose | None = None
     pivot: tuple[Pivot, Pose] | None = None
     points: Any = None
+    error: float | None = None
 
 
-def prepare(seed: int, preset: str) -> HeadTake:
-    """A short take."""
-    return head_take(preset, seed, frames=300)
+def prepare(seed: int, preset: str) -> HeadTake | Person:
+    """A short take, or a person."""
+    return person(seed, PERSON_VERTICES) if preset == PERSON else head_take(preset, seed, frames=300)
 
 
-def run(data: HeadTake, method: str) -> Found:
-    """One method: ``rotation NAME``, ``pivot NAME`` or ``expression NAME``."""
+@lru_cache(maxsize=1)
+def fitted(who: Person) -> tuple[Head, FitReport]:
+    """The head that is fitted to a person's points, once for all measures."""
+    return fit_head(blank_photo(who), who.points, who.generic, picture=False)
+
+
+def run(data: HeadTake | Person, method: str) -> Found:
+    """One method: ``rotation NAME``, ``pivot NAME``, ``expression NAME``, or the measure ``fit NAME`` of a fit."""
     kind, _, name = method.partition(" ")
+    if isinstance(data, Person):
+        return Found(error=FITS[name](*fitted(data), data))
     if kind == "rotation":
         points = data.points[:, :3] if pose_estimators[name].markers == 3 else data.points
         return Found(pose=reference_pose(pose_estimators[name], points))
@@ -53,8 +85,10 @@ def run(data: HeadTake, method: str) -> Found:
     return Found(points=compensate(data.take, **options).capture.points)
 
 
-def score(data: HeadTake, found: Found) -> dict[str, Any]:
+def score(data: HeadTake | Person, found: Found) -> dict[str, Any]:
     """The error that the method is about."""
+    if isinstance(data, Person):
+        return {"error": found.error}
     truth = data.truth
     if found.pose is not None:
         return {"error": rms(rotation_error_deg(found.pose.rotations, truth.rotations))}
@@ -66,6 +100,8 @@ def score(data: HeadTake, found: Found) -> dict[str, Any]:
 def applies(condition: Condition, method: str) -> bool:
     """What is slow, on the one preset that it is about."""
     kind, _, name = method.partition(" ")
+    if condition["preset"] == PERSON or kind == "fit":
+        return condition["preset"] == PERSON and kind == "fit"
     if name == "auto":
         return condition["preset"] == "skin"
     return kind != "pivot" or name in QUICK or condition["preset"] == "talking"
@@ -77,16 +113,20 @@ study = Study(
     name="regression",
     question=_question,
     finding=_finding,
-    axes={"preset": ("talking", "sway", "small-motion", "gaps", "outliers", "skin")},
+    axes={"preset": ("talking", "sway", "small-motion", "gaps", "outliers", "skin", PERSON)},
     methods=(
         *(f"rotation {name}" for name in own(pose_estimators)),
         *(f"pivot {name}" for name in (PAPER, *own(pivot_estimators))),
         *(f"expression {name}" for name in COMPENSATIONS),
+        *(f"fit {name}" for name in FITS),
     ),
     prepare=prepare,
     run=run,
     score=score,
-    columns={"error": "rotation error, deg rms; pivot error, mm; expression error, mm rms: as the method's name says"},
+    columns={
+        "error": "rotation error, deg rms; pivot error, mm; expression error, mm rms; of a fit to a photo, "
+        "pixels rms or mm rms: as the method's name says",
+    },
     statistics=(root_mean_square("error", "error", ""),),
     full=Budget(seeds=12),
     small=Budget(seeds=2),
