@@ -193,7 +193,6 @@ def _with_plate(head: Head, look: Look, size: int) -> tuple[Head, Array]:
 
 def _paint_skin(picture: Array, head: Head, look: Look, shifts: Array) -> None:
     """The photo on skin and lids; the picture's own colours stay within the openings."""
-    from scipy.interpolate import LinearNDInterpolator
     from scipy.ndimage import gaussian_filter
 
     assert head.uv is not None
@@ -208,7 +207,7 @@ def _paint_skin(picture: Array, head: Head, look: Look, shifts: Array) -> None:
     values = np.column_stack([head.vertices[used, :2] + shifts[used], facing, _lid_share(head)[used]])
     # Places change slowly over the texture: every other pixel is enough.
     half = (np.arange(size // 2) + 0.5) / (size // 2)
-    found = LinearNDInterpolator(head.uv[used], values, fill_value=np.nan)(*np.meshgrid(half, 1.0 - half[: rows // 2]))
+    found = _spread_in_plane(head.uv[used], values, np.stack(np.meshgrid(half, 1.0 - half[: rows // 2]), axis=-1))
     known = np.isfinite(found[..., 0])
     found = filled(np.nan_to_num(found), known.astype(np.float64))
     found = doubled(found)
@@ -223,6 +222,20 @@ def _paint_skin(picture: Array, head: Head, look: Look, shifts: Array) -> None:
     )
     inside = gaussian_filter(opening.astype(np.float32), size / 1024)[..., None] * opening[..., None]
     picture[:rows, :, :3] = colours + inside * (picture[:rows, :, :3] - colours)
+
+
+def _spread_in_plane(places: Array, values: Array, wanted: Array) -> Array:
+    """Values (N, K) at places (N, 2) interpolated linearly at others (..., 2); NaN outside of their convex hull."""
+    from matplotlib.path import Path
+    from scipy.interpolate import LinearNDInterpolator
+    from scipy.spatial import ConvexHull
+
+    # For what lies outside SciPy tries every triangle: a tenth of the places would take nearly all of the time.
+    outline = Path(places[ConvexHull(places).vertices])
+    inside = outline.contains_points(wanted.reshape(-1, 2)).reshape(wanted.shape[:-1])
+    out = np.full((*wanted.shape[:-1], values.shape[1]), np.nan)
+    out[inside] = LinearNDInterpolator(places, values)(wanted[inside])
+    return out
 
 
 def _lid_share(head: Head) -> Array:
