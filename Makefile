@@ -10,6 +10,7 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
+PIP_FLAGS ?=
 DEMO ?= demo
 OLDEST ?= .venv-oldest
 OLDEST_PYTHON ?= python3.11
@@ -24,11 +25,11 @@ $(BIN)/python:
 
 # A stamp each, so that a second run does not install again unless the project files changed.
 $(VENV)/installed: pyproject.toml constraints.txt | $(BIN)/python
-	$(PIP) install -c constraints.txt -e .
+	$(PIP) install $(PIP_FLAGS) -c constraints.txt -e .
 	@touch $@
 
 $(VENV)/installed-test: pyproject.toml constraints.txt | $(BIN)/python
-	$(PIP) install -c constraints.txt -e '.[test]'
+	$(PIP) install $(PIP_FLAGS) -c constraints.txt -e '.[test]'
 	@touch $@ $(VENV)/installed
 
 # The MakeHuman head is somebody else's, free to use, and a download; without it the demo shows the built-in head alone.
@@ -52,7 +53,7 @@ test-oldest: $(OLDEST)/installed-test
 
 $(OLDEST)/installed-test: pyproject.toml constraints-oldest.txt
 	$(OLDEST_PYTHON) -m venv $(OLDEST)
-	$(OLDEST)/bin/python -m pip --disable-pip-version-check --quiet install -c constraints-oldest.txt -e '.[test]'
+	$(OLDEST)/bin/python -m pip --disable-pip-version-check --quiet install $(PIP_FLAGS) -c constraints-oldest.txt -e '.[test]'
 	@touch $@
 
 package: $(VENV)/installed-test
@@ -78,7 +79,7 @@ docs: $(VENV)/installed-docs notebooks
 	EVALKIT_SITE=build/docs $(BIN)/python -m pytest -n 2 -m "" tests/test_docs.py -k "site or entry or recipe"
 
 $(VENV)/installed-docs: pyproject.toml constraints.txt | $(BIN)/python
-	$(PIP) install -c constraints.txt -e '.[test,docs]'
+	$(PIP) install $(PIP_FLAGS) -c constraints.txt -e '.[test,docs]'
 	@touch $@ $(VENV)/installed $(VENV)/installed-test
 
 regress: $(VENV)/installed
