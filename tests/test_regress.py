@@ -13,6 +13,7 @@ from click.testing import CliRunner
 from evalkit.cli import app
 from evalkit.errors import EvalkitError
 from evalkit.geometry import rotation_from_vector, rotation_vector
+from evalkit.head import fitting
 from evalkit.pivot import pivot_estimators
 from evalkit.pose import pose_estimators
 from evalkit.studies import regression, takes
@@ -24,6 +25,7 @@ BASELINES = Path(__file__).resolve().parent / "baselines"
 STUDY = regression.study
 PART = {
     "rotation svd": "talking", "pivot joint": "talking", "pivot score": "talking", "expression forehead": "sway",
+    "fit reprojection": "person", "fit face across": "person",
 }  # fmt: skip
 """Methods that the tests measure again, on one preset each: the whole takes a minute, by ``evalkit regress``."""
 
@@ -125,6 +127,23 @@ def test_false_alarms_are_rare_and_real_losses_are_seen():
         )
     assert alarms <= 64
     assert losses >= 900
+
+
+def test_a_warp_that_follows_the_points_loosely_is_caught(monkeypatch):
+    monkeypatch.setattr("evalkit.head.photo_warp.RELAXATIONS", (0.3,))
+    change = measured("fit reprojection")["fit reprojection"]
+    assert change.verdict == "worse", change
+
+
+def test_a_fit_that_moves_the_face_half_the_way_is_caught(monkeypatch):
+    whole = fitting.carried
+
+    def half(head, warp):
+        return whole(head, lambda places: 0.5 * (places + warp(places)))
+
+    monkeypatch.setattr(fitting, "carried", half)
+    change = measured("fit face across")["fit face across"]
+    assert change.verdict == "worse", change
 
 
 def test_new_and_gone_methods_are_told():

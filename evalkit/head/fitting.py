@@ -47,7 +47,8 @@ def fit_head(photo: Photo, points: Points, head: Head | None = None, *, picture:
     head : Head, optional
         The head to fit, by default the built-in one; it must have texture coordinates.
     picture : bool
-        Whether the head gets the photo for its texture, which takes most of the time; without, it keeps its own.
+        Whether the head gets the photo for its texture and on its plate, which takes most of the time; without, they
+        stay its own.
 
     Returns
     -------
