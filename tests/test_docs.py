@@ -17,6 +17,7 @@ import evalkit
 from evalkit.cli import app
 from evalkit.deform.kernels import kernels
 from evalkit.figures import figures
+from evalkit.head.fit_report import FitReport
 from evalkit.pivot import pivot_estimators
 from evalkit.pose import pose_estimators
 from evalkit.results import MOTION_COLUMNS, summary
@@ -264,6 +265,7 @@ def test_files_are_described_as_they_are_written():
     assert not {key for key in inner if f"`{key}`" not in told}
     assert sorted(first_cells(part("truth.npz"))) == sorted([*ARRAYS, "facts"])
     assert not [column for column in SUMMARY_COLUMNS if f"`{column}`" not in part("What a study writes")]
+    assert sorted(first_cells(part("fit.json"))) == sorted(["points_from", *FitReport.__dataclass_fields__])
 
 
 # The built site ------------------------------------------------------------------------------------------------------

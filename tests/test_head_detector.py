@@ -21,7 +21,7 @@ from realdata import real_data
 from test_head import ellipsoid, template
 
 from evalkit.errors import EvalkitError
-from evalkit.head import Head
+from evalkit.head import Head, detector
 from evalkit.render.head_views import BACKGROUND, View, draw_head
 from evalkit.render.offscreen import offscreen_plotter, require_offscreen
 
@@ -32,9 +32,11 @@ VIEWS = [View(yaw_deg=yaw, pitch_deg=pitch) for yaw, pitch in (
 PIXELS = 512
 
 DETECTED = {
-    "nose tip": 4, "chin": 152, "subnasale": 2, "upper lip": 0, "lower lip": 17,
-    "eye outer left": 263, "eye outer right": 33, "eye inner left": 362, "eye inner right": 133,
-    "mouth corner left": 291, "mouth corner right": 61,
+    name: detector.DETECTED[name]
+    for name in (
+        "nose tip", "chin", "subnasale", "upper lip", "lower lip", "eye outer left", "eye outer right",
+        "eye inner left", "eye inner right", "mouth corner left", "mouth corner right",
+    )
 }  # fmt: skip
 """Landmark -> number in the detector's mesh."""
 

@@ -25,7 +25,7 @@ BASELINES = Path(__file__).resolve().parent / "baselines"
 STUDY = regression.study
 PART = {
     "rotation svd": "talking", "pivot joint": "talking", "pivot score": "talking", "expression forehead": "sway",
-    "fit reprojection": "person", "fit face across": "person",
+    "fit reprojection": "person", "fit landmarks across": "person",
 }  # fmt: skip
 """Methods that the tests measure again, on one preset each: the whole takes a minute, by ``evalkit regress``."""
 
@@ -142,7 +142,7 @@ def test_a_fit_that_moves_the_face_half_the_way_is_caught(monkeypatch):
         return whole(head, lambda places: 0.5 * (places + warp(places)))
 
     monkeypatch.setattr(fitting, "carried", half)
-    change = measured("fit face across")["fit face across"]
+    change = measured("fit landmarks across")["fit landmarks across"]
     assert change.verdict == "worse", change
 
 

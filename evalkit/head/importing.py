@@ -29,14 +29,6 @@ from evalkit.head.model import REGIONS, SOFT, Head, Indices
 
 MESH_ENDINGS = (".obj", ".ply", ".stl", ".vtk", ".vtp", ".glb", ".gltf")
 
-MEDIAPIPE_LANDMARKS = {
-    "forehead": 10, "nasion": 168, "nose tip": 1, "subnasale": 2, "upper lip": 0, "lower lip": 17, "chin": 152,
-    "eye inner left": 362, "eye inner right": 133, "eye outer left": 263, "eye outer right": 33,
-    "mouth corner left": 291, "mouth corner right": 61, "brow inner left": 285, "brow inner right": 55,
-    "brow outer left": 300, "brow outer right": 70,
-}  # fmt: skip
-"""Landmark -> vertex of MediaPipe's canonical face."""
-
 
 def import_head(source: str | Path, names: str | Path | None = None) -> Head:
     """A head from a mesh file of others.
@@ -235,6 +227,11 @@ def head_by_landmarks(
 
 
 def _canonical_face(path: Path, vertices: Array, triangles: Indices) -> Head:
+    # MakeHuman's head, beside which weights are kept, is imported by this module in turn.
+    from evalkit.head.detector import DETECTED
+    from evalkit.head.points import LANDMARK_POINTS
+
     vertices = vertices * 10.0  # the file is in centimetres
-    landmarks = {name: vertices[k] for name, k in MEDIAPIPE_LANDMARKS.items()}
+    # Pupils are no vertices of the file, and the inner edges of the lips no landmarks of a head.
+    landmarks = {name: vertices[k] for name, k in DETECTED.items() if name in LANDMARK_POINTS}
     return head_by_landmarks(path.stem, vertices, triangles, landmarks, source="MediaPipe canonical face, Apache-2.0")

@@ -46,12 +46,11 @@ two metres a fit that goes half the way scores no worse across the view."""
 
 FITS: dict[str, Callable[[Head, FitReport, Person], float]] = {
     "reprojection": lambda head, report, who: report.reprojection_rms_px,
-    "landmarks": lambda head, report, who: rms(np.linalg.norm(landmarks_off_mm(head, who), axis=1)),
+    "landmarks across": lambda head, report, who: rms(np.linalg.norm(landmarks_off_mm(head, who)[:, :2], axis=1)),
     "face across": lambda head, report, who: rms(np.linalg.norm(face_off_mm(head, who)[:, :2], axis=1)),
     "face along": lambda head, report, who: rms(face_off_mm(head, who)[:, 2]),
 }
-"""Measures of a fit to a photo: pixels at the points, then mm from the person's head, of the face's vertices across and
-along the view."""
+"""Measures of a fit to a photo: pixels at the points, then mm from the person's head, across and along the view."""
 
 
 @dataclass(frozen=True, eq=False)
