@@ -40,10 +40,10 @@ def test_the_astronaut_is_fitted_and_wears_her_photo(tmp_path):
     # The requirement for points that are given.
     assert report.reprojection_rms_px <= 0.5 and report.relaxed == 0.0
     assert check_head(head) == []
-    # She smiles, in a photo in which her eyes are some sixty pixels apart.
+    # She smiles, and her eyes are 43 pixels apart.
     assert {"mouth open", "small"} <= set(report.status)
-    # Skin that faces the camera wears the colour that the photo has there, and the built-in head's own does not. The chin
-    # looks down and is blended with what is beside it.
+    # Skin that faces the camera wears the colour that the photo has there, and the built-in head's own does not. The
+    # chin looks down and is blended with what is beside it.
     generic = load_head(vertices=2500)
     for head_worn, same in ((head, True), (generic, False)):
         off = [colour_off(head_worn, name, photo) for name in ("forehead", "nasion", "nose tip", "subnasale")]
