@@ -8,8 +8,8 @@ photo and looks the same from the front, but all of it lies on the ellipsoid tha
 is found proves nothing: it is found on the ellipsoid, too.
 
 Finding: on scikit-image's astronaut and a face of a group photo that insightface ships, the detector's nose tip is off
-by 1.6 and 2.4 % of the outer eye corners' distance on the fitted head and by 6.7 and 5.7 % on the ellipsoid, its chin
-by 1.8 and 1.6 % against 3.9 and 4.9 %: the relief is that of a face. The detector's own yaw does not tell the two
+by 1.7 and 2.4 % of the outer eye corners' distance on the fitted head and by 6.7 and 5.8 % on the ellipsoid, its chin
+by 1.8 and 1.6 % against 4.0 and 5.0 %: the relief is that of a face. The detector's own yaw does not tell the two
 apart: it errs by 2.6 and 2.4 degrees on the fitted heads and by 1.4 and 2.2 on the ellipsoids, which foreshorten as
 much.
 
