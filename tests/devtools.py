@@ -82,19 +82,23 @@ class Page:
         self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1, **more)
 
     def click(self, x: float, y: float) -> None:
-        """Click at pixels of the page."""
+        """Click at pixels of the page; not sooner after the last one than would be a double click."""
+        time.sleep(0.5)
         self.mouse("mouseMoved", x, y)
         self.mouse("mousePressed", x, y)
         self.mouse("mouseReleased", x, y)
 
     def drag(self, start: tuple[float, float], end: tuple[float, float], steps: int = 8) -> None:
-        """Drag from one place to another, as a hand does: in steps."""
-        self.mouse("mouseMoved", *start)
-        self.mouse("mousePressed", *start)
+        """Drag from one place to another as a hand does: in steps, and not at once after the last click."""
+        time.sleep(0.5)
+        self.call("Input.dispatchMouseEvent", type="mouseMoved", x=start[0], y=start[1])
+        self.mouse("mousePressed", *start, buttons=1)
         for k in range(1, steps + 1):
             at = [a + (b - a) * k / steps for a, b in zip(start, end, strict=True)]
             self.mouse("mouseMoved", *at, buttons=1)
+            time.sleep(0.02)
         self.mouse("mouseReleased", *end)
+        self.call("Input.dispatchMouseEvent", type="mouseMoved", x=end[0] + 60, y=end[1] + 60)
 
     def screenshot(self, path: Path) -> None:
         """The page as PNG."""

@@ -161,8 +161,11 @@ class Editor:
         self.store = pn.widgets.Button(name="Save head", button_type="success", width=SIZE)
         self.mirror = pn.widgets.Checkbox(name="Move both sides", value=self.editing.symmetric)
         self.list = pn.widgets.Select(name="Next point", options=[], size=6, width=SIZE)
-        self.message = pn.pane.Alert("", alert_type="light", width=SIZE)
-        self.picture = pn.pane.PNG(None, width=SIZE, height=SIZE)
+        # Of one height: what moves on the page while a point is dragged would make the drag end.
+        self.message = pn.pane.Alert(
+            "", alert_type="light", width=SIZE, height=150, sizing_mode="fixed", styles={"overflow-y": "auto"}
+        )
+        self.picture = pn.pane.PNG(None, width=SIZE, height=SIZE, sizing_mode="fixed")
         self.turn = pn.widgets.FloatSlider(name="Turn, deg", start=-30, end=30, step=2, value=0, width=SIZE)
         self.mouth = pn.widgets.FloatSlider(name="Mouth open", start=0, end=1, step=0.05, value=0, width=SIZE)
         self.undo.on_click(lambda _: self._after(self.editing.undo()))
@@ -187,7 +190,7 @@ class Editor:
         packed = np.dstack([shown, np.full(shown.shape[:2], 255, np.uint8)]).view(np.uint32)[..., 0]
         scale = min(WIDTH / wide, HEIGHT / high)
         plot = figure(
-            width=round(wide * scale) + 40, height=round(high * scale) + 10, x_range=Range1d(0, wide),
+            frame_width=round(wide * scale), frame_height=round(high * scale), x_range=Range1d(0, wide),
             y_range=Range1d(high, 0), tools="wheel_zoom,pan,reset", active_scroll="wheel_zoom", active_drag=None,
             toolbar_location="right",
         )  # fmt: skip
@@ -195,7 +198,12 @@ class Editor:
         plot.grid.visible = False
         plot.image_rgba(image=[packed], x=0, y=0, dw=wide, dh=high)
         source = ColumnDataSource(self._columns())
-        drawn = plot.scatter("x", "y", source=source, size=9, color="colour", line_color="white", line_width=1.5)
+        # Rings, so that the photo is seen in them, and wide: a drag counts as begun some pixels from where the mouse
+        # was pressed, and what is not hit there is not taken along.
+        drawn = plot.scatter(
+            "x", "y", source=source, size=17, fill_color="colour", fill_alpha=0.25, line_color="colour", line_width=2,
+            nonselection_fill_alpha=0.25, nonselection_line_alpha=0.9,
+        )  # fmt: skip
         names = LabelSet(
             x="x", y="y", text="name", source=source, x_offset=8, y_offset=4, text_font_size="9px", text_color="white",
             background_fill_color="black", background_fill_alpha=0.45, visible=False,
@@ -229,10 +237,12 @@ class Editor:
         for name in set(self.editing.places) - set(names):
             self.editing.remove(name)
         for name, x, y in zip(names, new["x"], new["y"], strict=True):
-            if not name:
-                chosen = self.list.value if self.editing.missing and self.list.value in self.editing.missing else None
-                self.editing.put((x, y), chosen if self.editing.next in self.editing.missing[:1] else None)
-            elif not np.allclose(self.editing.places[name], (x, y), atol=1e-6):
+            if not name and self.editing.missing:
+                # Before there is a face, the eyes are asked for, whatever is chosen in the list.
+                asked = self.editing.next
+                chosen = self.list.value if asked == self.editing.missing[0] else asked
+                self.editing.put((x, y), chosen or asked)
+            elif name and not np.allclose(self.editing.places[name], (x, y), atol=1e-6):
                 self.editing.move(name, (x, y))
 
     def _detect(self) -> None:
@@ -266,9 +276,13 @@ class Editor:
 
     def _draw_points(self) -> None:
         """The points on the photo; only while an event of the page is handled, when its document may be changed."""
+        columns = self._columns()
+        if {name: list(values) for name, values in self.source.data.items()} == columns:
+            # Sending back what the page has just sent would pull a point out of a hand that is at the next one.
+            return
         self._from_page = True
         try:
-            self.source.data = self._columns()
+            self.source.data = columns
         finally:
             self._from_page = False
 

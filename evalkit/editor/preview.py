@@ -39,7 +39,10 @@ class Preview:
             As :func:`evalkit.head.fitting.fit_head`; the head fitted before stays.
         """
         head, report = fit_head(self.photo, points, self.generic)
-        scene = HeadScene(head, (SIZE, SIZE), multisamples=4)
+        # The plate is as large as the photo: only what is around the skin is shown.
+        skin = np.ptp(head.vertices[head.skin_vertices], axis=0)[:2].max()
+        whole = round(SIZE * max(1.0, float(np.ptp(head.vertices, axis=0)[:2].max() / (1.25 * skin))))
+        scene = HeadScene(head, (whole, whole), multisamples=4)
         self.close()
         self.head, self.report, self._scene = head, report, scene
         return report
@@ -55,7 +58,10 @@ class Preview:
         rotation = rotation_from_vector(np.deg2rad([0.0, yaw_deg, 0.0]))
         self._scene.pose(rotation, middle - rotation @ middle)
         file = io.BytesIO()
-        Image.fromarray(self._scene.frame(vertices)).save(file, "png", compress_level=1)
+        picture = self._scene.frame(vertices)
+        edge = (len(picture) - SIZE) // 2
+        picture = np.ascontiguousarray(picture[edge : edge + SIZE, edge : edge + SIZE])
+        Image.fromarray(picture).save(file, "png", compress_level=1)
         return file.getvalue()
 
     def close(self) -> None:
