@@ -198,7 +198,7 @@ def curve(made: Any) -> Any:
         lines = [line for line in axes.get_lines() if np.size(line.get_xdata()) > 1 and line.get_visible()]
         # The largest bar: one of a stack may be thinner than a line.
         bars = sorted(axes.containers and axes.patches, key=lambda bar: -bar.get_height())
-        for found in (lines, bars, axes.collections, axes.get_images()):
+        for found in (bars, lines, axes.collections, axes.get_images()):
             if len(found):
                 return found[0]
     raise AssertionError("nothing drawn")

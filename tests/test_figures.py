@@ -39,11 +39,11 @@ def unlabelled(picture) -> list[str]:
     """Panels whose axes do not say what they show; a shared axis says it at the edge of the grid."""
     lacking = []
     for number, axes in enumerate(picture.axes):
-        if not axes.axison:  # a drawing, not a plot
-            continue
         at = axes.get_subplotspec()
         edge = {"x": axes.get_shared_x_axes(), "y": axes.get_shared_y_axes()}
         for which, group in edge.items():
+            if not len(getattr(axes, f"get_{which}ticks")()):  # a drawing, not a scale
+                continue
             told = [getattr(one, f"get_{which}label")() for one in group.get_siblings(axes)]
             line = [
                 getattr(one, f"get_{which}label")()
