@@ -142,6 +142,25 @@ def portrait(tmp_path_factory):
     return path
 
 
+def test_the_preview_opens_the_mouth_of_a_head_that_can_and_leaves_others(portrait):
+    from dataclasses import replace
+
+    from evalkit.editor.preview import Preview
+    from evalkit.head import load_head
+
+    photo = read_photo(portrait)
+    editing = Editing(photo)
+    for eye in EYES:
+        editing.put(eye)
+    head = load_head("template", vertices=5000)
+    for generic, opens in ((head, True), (replace(head, jaw=None), False)):
+        preview = Preview(photo, generic)
+        preview.fit(editing.points())
+        assert (preview.picture(mouth=1.0) != preview.picture()) == opens
+        assert preview.picture(yaw_deg=20.0) != preview.picture()
+        preview.close()
+
+
 @pytest.fixture(scope="module")
 def address(portrait):
     """Of the editor's page, served by the command line."""

@@ -226,13 +226,13 @@ class Editor:
             "x": [float(p[0]) for p in places], "y": [float(p[1]) for p in places], "name": names, "colour": colours,
         }  # fmt: skip
 
-    def _edited(self, _attribute: str, old: Any, new: Any) -> None:
+    def _edited(self, _attribute: str, _old: Any, new: Any) -> None:
         """The page has sent points: find out what was done, and do it to the points that count."""
         if self._from_page:
             return
-        self._try(lambda: self._take(dict(old), dict(new)))
+        self._try(lambda: self._take(dict(new)))
 
-    def _take(self, old: dict[str, Any], new: dict[str, Any]) -> None:
+    def _take(self, new: dict[str, Any]) -> None:
         names = [str(name) for name in new["name"]]
         for name in set(self.editing.places) - set(names):
             self.editing.remove(name)

@@ -13,6 +13,7 @@ from evalkit.head.model import Head
 from evalkit.head.photo import Photo
 from evalkit.head.points import Points
 from evalkit.render.head_scene import HeadScene
+from evalkit.render.head_views import View, posed
 
 SIZE = 420
 """Pixels of the picture."""
@@ -53,7 +54,7 @@ class Preview:
 
         if self.head is None or self._scene is None:
             raise LookupError("nothing is fitted yet")
-        vertices = self.head.posed(jaw_deg=JAW_DEG * mouth)
+        vertices = posed(self.head, View(jaw_deg=JAW_DEG * mouth))
         middle = 0.5 * (self.head.vertices.min(axis=0) + self.head.vertices.max(axis=0))
         rotation = rotation_from_vector(np.deg2rad([0.0, yaw_deg, 0.0]))
         self._scene.pose(rotation, middle - rotation @ middle)

@@ -108,7 +108,7 @@ def draw_head(plotter: Any, head: Head, view: View, *, without: tuple[str, ...] 
     """
     import pyvista
 
-    vertices = _posed(head, view)
+    vertices = posed(head, view)
     texture = head.texture if view.textured and flat is None else None
     skin = _with_normals(head, vertices)
     # The pass that sorts transparent layers leaves the background's colour in pixels that an edge before the plate
@@ -140,7 +140,7 @@ def draw_head(plotter: Any, head: Head, view: View, *, without: tuple[str, ...] 
     _aim(plotter, view)
 
 
-def _posed(head: Head, view: View) -> Array:
+def posed(head: Head, view: View) -> Array:
     """Jaw and lids as the view wants them; by named units where a head has no joints for them."""
     units: dict[str, float] = {}
     if head.jaw is None:
