@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -88,7 +90,7 @@ class MeshSolver:
         return out
 
 
-def factorised(matrix: object) -> object:
+def factorised(matrix: Any) -> Any:
     """Factorisation of a sparse symmetric positive definite matrix; kept apart so that tests can count them."""
     from scipy.sparse import csc_matrix
     from scipy.sparse.linalg import splu
