@@ -19,6 +19,10 @@ from evalkit.head.model import SOFT, Indices
 FRONT = ("face", "upper lip", "lower lip")
 """Regions of a head that are kept: no neck, no rear of the head."""
 
+RIM_MM = 45.0
+"""So much of the sides and of the top of the head is kept around the face, over the surface: skin that stays still, by
+which the solution of a method is held in place."""
+
 SIDES = {"left": 1.0, "right": -1.0}
 """Side of the person -> sign of x."""
 
@@ -32,7 +36,7 @@ LID_MIDDLE_MM = 4.0
 """The margins of the lids are looked for so near to the middle of the eye."""
 
 REACH_MM = {
-    "corner": 30.0, "cheek": 26.0, "brow": 24.0, "nose": 18.0, "mouth": 34.0, "lips": 12.0, "eye": 11.0,
+    "corner": 34.0, "cheek": 26.0, "brow": 24.0, "nose": 18.0, "mouth": 34.0, "lips": 12.0, "eye": 11.0,
     "forehead": 40.0, "glabella": 18.0,
 }  # fmt: skip
 """Beyond this distance from its middle (of the eyes: from :data:`SOCKET_MM`) a part ends; it fades as ``cos²``."""
@@ -99,11 +103,19 @@ class Anatomy:
 
 
 def front_of(head: Head) -> Front:
-    """The largest connected component of face and lips."""
-    wanted = np.zeros(len(head.vertices), dtype=bool)
-    for region in FRONT:
-        wanted[head.regions[region]] = True
+    """The largest connected component of face, lips and a rim around them.
+
+    Raises
+    ------
+    EvalkitError
+        If the head has no face.
+    """
     triangles = head.part_triangles(*SOFT)
+    wanted = np.zeros(len(head.vertices), dtype=bool)
+    wanted[np.concatenate([head.regions[region] for region in FRONT])] = True
+    rim = edge_distance(edge_graph(head.vertices, triangles), np.flatnonzero(wanted), RIM_MM) < RIM_MM
+    rim[head.regions["neck"]] = False
+    wanted |= rim
     triangles = triangles[wanted[triangles].all(axis=1)]
     if not len(triangles):
         raise EvalkitError(f"{head.name}: it has no face; its regions are {', '.join(head.regions)}")
@@ -132,7 +144,8 @@ def anatomy_of(head: Head, front: Front, opened: Array, closed: Array) -> Anatom
     """
     rest = front.rest
     axis = hinge(rest, opened) if head.jaw is None else head.jaw.axis
-    eyes, places = {}, {}
+    eyes: dict[str, Array] = {}
+    places: dict[str, int] = {}
     balls = head.vertices[head.part_vertices("eyeballs")]
     for side, sign in SIDES.items():
         own = balls[sign * balls[:, 0] > 0.0]
@@ -217,7 +230,7 @@ def _nearest(head: Head, rest: Array, name: str) -> int:
 
 
 def _margins(rest: Array, closed: Array, eye: Array) -> dict[str, int]:
-    """The vertex of the upper lid that goes furthest when the eye closes, and the one of the lower lid that it meets."""
+    """The vertex of the upper lid that goes furthest when the eye closes, and that of the lower lid that it meets."""
     way = np.linalg.norm(closed - rest, axis=1)
     near = (np.abs(rest[:, 0] - eye[0]) < LID_MIDDLE_MM) & (np.linalg.norm(rest - eye, axis=1) < SOCKET_MM + 4.0)
     upper = np.flatnonzero(near)[way[near].argmax()]

@@ -1,9 +1,9 @@
 """Characters with truth: rough shapes of many expressions, and beside each what a sculptor made of it.
 
-Methods that give a character its own expressions [1]_ are judged on these. The rough shapes are the head's own hand-made
-shapes or its muscles; the fine ones come from :mod:`evalkit.dense.sculptor`, whose rules are no mapping of triangles and
-no blend of examples. Only the front of the face is kept, as in the paper: skin with lids and lining of the mouth as the
-head has them, one connected component, without teeth and eyeballs.
+Methods that give a character its own expressions [1]_ are judged on these. The rough shapes are the head's own
+hand-made shapes or its muscles; the fine ones come from :mod:`evalkit.dense.sculptor`, whose rules are no mapping of
+triangles and no blend of examples. Only the front of the head is kept, as in the paper: skin with lids and lining of
+the mouth as the head has them, one connected component, without teeth and eyeballs.
 
 References
 ----------
@@ -164,7 +164,7 @@ CORRECTIVE = {"mouthClose": "jawOpen"}
 MOVES_MM = 1.0
 """A shape that moves the front of the face by less (the tongue, the pupils) is no expression."""
 
-TEMPLATE_VERTICES = 9000
+TEMPLATE_VERTICES = 8000
 """Resolution of the template whose front has about 5,000 vertices, as the face in the paper."""
 
 IDENTITY_TARGETS, IDENTITY_SPREAD = 24, 0.45
@@ -174,8 +174,8 @@ ICT_FILE = ("meshes", "ict_facekit_subset.npz")
 """Where in the folder of real data ICT-FaceKit's arrays are."""
 
 Transfer = Callable[[Array, Indices, Array, Array], Array]
-"""A method that makes rough shapes: rest (V, 3), triangles, shapes (N, V, 3) of one face and the rest of another, to the
-shapes (N, V, 3) of that one."""
+"""A method that makes rough shapes: rest (V, 3), triangles and shapes (N, V, 3) of one face and the rest of another, to
+the shapes (N, V, 3) of that one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -376,8 +376,8 @@ def shared_names(ict: Head, makehuman: Head) -> dict[str, tuple[str, ...]]:
     Returns
     -------
     dict
-        MakeHuman's name -> the shapes of ICT-FaceKit whose sum it is: one, or two sides where MakeHuman has both in one.
-        51 for the heads as they are published.
+        MakeHuman's name -> the shapes of ICT-FaceKit whose sum it is: one, or two where MakeHuman has both sides in
+        one. 51 for the heads as they are published.
     """
     found: dict[str, tuple[str, ...]] = {}
     for name in makehuman.blendshapes:

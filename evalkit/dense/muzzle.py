@@ -1,7 +1,7 @@
 """A face of very different proportions: the head of a person bent into one with a long muzzle.
 
-The monkey of Kato et al. (2014) is such a face. Space itself is bent, smoothly, so the mesh keeps its vertices and every
-expression of the person can be carried over without any method of transfer.
+The monkey of Kato et al. (2014) is such a face. Space itself is bent, smoothly, so the mesh keeps its vertices and
+every expression of the person can be carried over without any method of transfer.
 """
 
 from __future__ import annotations

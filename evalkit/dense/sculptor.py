@@ -1,9 +1,9 @@
 """A sculptor who gives a face its own expressions, by rules that bend a rough shape as a stylising artist would.
 
-Each rule looks at what the rough shape does (how far a region goes, how far the mouth is open, an eye closed) and answers
-not in proportion: it saturates, turns along an arc, or begins late. None of them maps triangles or blends examples, which
-is what is judged with these shapes. Rules that act where lips or lids meet move both alike, so that what is closed stays
-closed. In order:
+Each rule looks at what the rough shape does (how far a region goes, how far the mouth is open, an eye closed) and
+answers not in proportion: it saturates, turns along an arc, or begins late. None of them maps triangles or blends
+examples, which is what is judged with these shapes. Rules that act where lips or lids meet move both alike, so that
+what is closed stays closed. In order:
 
 1. the amplitude of every region is eased, the corners of the mouth more on one side;
 2. the corners travel on a curve: the further, the more upward;
@@ -11,13 +11,15 @@ closed. In order:
 4. the jaw turns about another axis, comes forward, and saturates;
 5. lips that part roll outward about their own axis and grow stiff; lips that narrow grow thick;
 6. cheeks that are squashed between mouth and eye bulge;
-7. brows that come down fold the skin between them, brows that rise wrinkle the forehead;
+7. the inner ends of brows go further; brows that come down fold the skin between them, those that rise wrinkle the
+   forehead;
 8. lids meet higher, the lower one taking its share of the way, with a crease above.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 
@@ -54,20 +56,24 @@ class Manner:
         Part of its own shape that a lip loses, 0 to 1.
     thick_mm : float
         By which narrowed lips come forward.
-    bulge_mm, fold_mm, wrinkle_mm : float
-        Of cheeks, of the skin between the brows, of the forehead.
+    bulge_mm : float
+        Of squashed cheeks.
+    tilt_mm : float
+        By which the inner ends of brows go further than the outer ones.
+    fold_mm, wrinkle_mm : float
+        Of the skin between the brows, of the forehead.
     lids_meet_rad : float
         About the middle of the eye, by which lids meet higher.
     crease_mm : float
     """
 
-    left: float = 0.30
-    right: float = -0.25
-    brows: float = 0.35
-    cheeks: float = 0.20
-    nose: float = 0.40
-    mouth: float = -0.20
-    curve_rad: float = 0.45
+    left: float = 0.15
+    right: float = -0.30
+    brows: float = 0.45
+    cheeks: float = 0.30
+    nose: float = 0.60
+    mouth: float = -0.25
+    curve_rad: float = 0.28
     lids_late: float = 0.35
     jaw_gain: float = 0.30
     jaw_limit_rad: float = 0.42
@@ -78,6 +84,7 @@ class Manner:
     stiff: float = 0.35
     thick_mm: float = 3.0
     bulge_mm: float = 4.0
+    tilt_mm: float = 2.5
     fold_mm: float = 1.6
     wrinkle_mm: float = 0.9
     lids_meet_rad: float = 0.14
@@ -87,13 +94,13 @@ class Manner:
 HUMAN = Manner()
 
 MUZZLE = Manner(
-    left=0.20, right=-0.10, brows=0.5, mouth=0.25, curve_rad=-0.35, jaw_gain=0.4, hinge_mm=(4.0, -8.0),
+    left=0.10, right=-0.15, brows=0.6, mouth=0.25, curve_rad=-0.35, jaw_gain=0.4, hinge_mm=(4.0, -8.0),
     jaw_forward_mm=10.0, upper_roll_rad=0.70, lower_roll_rad=0.90, stiff=0.5, thick_mm=7.0, bulge_mm=6.0,
     fold_mm=2.0, lids_meet_rad=0.18,
 )  # fmt: skip
 """A thick-lipped one, whose corners of the mouth go back rather than up."""
 
-FAR_MM = {"brow": 5.0, "corner": 7.0, "cheek": 4.0, "nose": 2.5, "mouth": 6.0}
+FAR_MM = {"brow": 2.5, "corner": 4.0, "cheek": 2.0, "nose": 1.2, "mouth": 3.0}
 """A region whose root mean square way is this has half of its gain."""
 
 SMILE_MM, PART_MM, NARROW = 8.0, 9.0, 0.15
@@ -121,7 +128,7 @@ OUTWARD = {side: np.array([0.45 * sign, 0.20, 0.87]) for side, sign in SIDES.ite
 def drawn_manner(*names: object, seed: int = 0) -> Manner:
     """Another sculptor: every number of :data:`HUMAN` times 0.6 to 1.4, the stronger side either one."""
     random = generator("manner", *names, seed=seed)
-    drawn = {}
+    drawn: dict[str, Any] = {}
     for one in fields(Manner):
         value, factor = getattr(HUMAN, one.name), random.uniform(0.6, 1.4)
         drawn[one.name] = tuple(factor * part for part in value) if isinstance(value, tuple) else factor * value
@@ -290,8 +297,12 @@ def _brows(rest: Array, rough: Array, anatomy: Anatomy, manner: Manner) -> Array
     out[..., 2] += depth[:, None] * anatomy.weights["glabella"] * fold
     for side, sign in SIDES.items():
         ends = [anatomy.places[f"brow {end} {side}"] for end in ("inner", "outer")]
-        up = np.maximum((rough[:, ends, 1] - rest[ends, 1]).mean(axis=1), 0.0)
-        height = manner.wrinkle_mm * np.tanh((up / BROW_MM) ** 2)
+        way = (rough[:, ends, 1] - rest[ends, 1]).mean(axis=1)
+        from_outer = np.clip((x - rest[ends[1], 0]) / (rest[ends[0], 0] - rest[ends[1], 0]), 0.0, 1.0)
+        # Between a brow that comes down and the lid there is less room than above it.
+        tilt = manner.tilt_mm * np.tanh(way / BROW_MM) * np.abs(np.tanh(way / BROW_MM)) * np.where(way < 0, 0.4, 1.0)
+        out[..., 1] += tilt[:, None] * anatomy.weights[f"brow {side}"] * (1.5 * from_outer - 0.5)
+        height = manner.wrinkle_mm * np.tanh((np.maximum(way, 0.0) / BROW_MM) ** 2)
         half = 0.5 + 0.5 * np.tanh(sign * x / 8.0)
         out[..., 2] += height[:, None] * anatomy.weights["forehead"] * half * wave
     return out
