@@ -56,6 +56,12 @@ class CharacterTransfer:
         ``Q = G_rough^-1 G_fine``. Only the latter is the same in any axes of the new shape: the former needs heads
         without head motion.
 
+    Attributes
+    ----------
+    regions : ndarray of int, shape (V,)
+    pinned : ndarray of bool, shape (V,)
+        Vertices that no example moves: they follow the rough shapes.
+
     Raises
     ------
     EvalkitError
@@ -92,7 +98,8 @@ class CharacterTransfer:
         pair = (fine_gradients, back) if self._left else (back, fine_gradients)
         self._mappings = blends[blend].of(product(*pair))
         reach = np.abs(np.concatenate([self.rough, self.fine]) - self.rest).max(axis=(0, 2))
-        self._solver = MeshSolver(self.rest, self.triangles, reach <= STILL * mesh_size(self.rest))
+        self.pinned = reach <= STILL * mesh_size(self.rest)
+        self._solver = MeshSolver(self.rest, self.triangles, self.pinned)
 
     def _regions(self, regions: ArrayLike | int) -> NDArray[np.intp]:
         if isinstance(regions, int):
