@@ -13,7 +13,7 @@ PACKAGE = Path(__file__).resolve().parents[1] / "evalkit"
 
 LEVELS = [
     {"errors", "seeds", "geometry", "bundled", "plugins"},
-    {"capture", "synthetic"},
+    {"capture", "synthetic", "meshes"},
     {"pose", "pivot", "peers"},
     {"compensation", "published", "leak", "deform", "transfer", "control", "vision", "head"},
     {"metrics", "results", "dense", "animation"},

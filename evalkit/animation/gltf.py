@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import io
 import json
-import struct
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +19,8 @@ from evalkit.animation.performance import Animation
 from evalkit.errors import EvalkitError
 from evalkit.geometry import Array, blocks, quaternion_from_rotation
 from evalkit.head import Head
+from evalkit.meshes.gltf import container
+from evalkit.meshes.model import vertex_normals
 
 TOLERANCE_MM = 0.5
 """Targets are added until no vertex is further than this from the animation in any frame: a pixel in a portrait of
@@ -172,7 +173,7 @@ class _Buffer:
 
 def _content(animation: Animation, targets: Array, weights: Array) -> bytes:
     head, buffer = animation.head, _Buffer()
-    normals = vertex_normals(head, head.vertices)
+    normals = vertex_normals(head.vertices, head.triangles)
     attributes = {
         "POSITION": buffer.array(head.vertices * MM, VERTEX_DATA, bounds=True),
         "NORMAL": buffer.array(normals, VERTEX_DATA),
@@ -182,7 +183,7 @@ def _content(animation: Animation, targets: Array, weights: Array) -> bytes:
     morphs = [
         {
             "POSITION": buffer.array(target * MM, VERTEX_DATA, bounds=True),
-            "NORMAL": buffer.array(vertex_normals(head, head.vertices + target) - normals, VERTEX_DATA),
+            "NORMAL": buffer.array(vertex_normals(head.vertices + target, head.triangles) - normals, VERTEX_DATA),
         }
         for target in targets
     ]
@@ -218,7 +219,7 @@ def _content(animation: Animation, targets: Array, weights: Array) -> bytes:
         "bufferViews": buffer.views,
     }
     document["buffers"] = [{"byteLength": len(buffer.data)}]
-    return _container(json.dumps(document, separators=(",", ":")).encode(), bytes(buffer.data))
+    return container(json.dumps(document, separators=(",", ":")).encode(), bytes(buffer.data))
 
 
 def _materials(head: Head, buffer: _Buffer) -> tuple[list[dict[str, Any]], dict[str, Any]]:
@@ -241,30 +242,3 @@ def _materials(head: Head, buffer: _Buffer) -> tuple[list[dict[str, Any]], dict[
     return [
         {"name": mode, "pbrMetallicRoughness": surface, "alphaMode": mode, "doubleSided": True} for mode in modes
     ], textures
-
-
-def _container(document: bytes, data: bytes) -> bytes:
-    document += b" " * (-len(document) % 4)
-    data += b"\0" * (-len(data) % 4)
-    length = 12 + 8 + len(document) + 8 + len(data)
-    return b"".join(
-        [
-            struct.pack("<4sII", b"glTF", 2, length),
-            struct.pack("<I4s", len(document), b"JSON"),
-            document,
-            struct.pack("<I4s", len(data), b"BIN\0"),
-            data,
-        ]
-    )
-
-
-def vertex_normals(head: Head, vertices: Array) -> Array:
-    """Unit normals (V, 3) of a head's vertices, the mean over the triangles around weighted by their areas."""
-    a, b, c = (vertices[head.triangles[:, k]] for k in range(3))
-    face = np.cross(b - a, c - a)
-    sums = np.zeros_like(vertices)
-    for k in range(3):
-        np.add.at(sums, head.triangles[:, k], face)
-    length = np.linalg.norm(sums, axis=1, keepdims=True)
-    # The format asks for unit length also where triangles without area leave none.
-    return np.where(length > 1e-12, sums / np.maximum(length, 1e-12), [0.0, 0.0, 1.0])
