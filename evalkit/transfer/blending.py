@@ -41,7 +41,8 @@ class RotationStretch:
         """
         rotation, stretch = polar(mappings)
         logs = log_positive(stretch)
-        bad = np.isnan(logs[0, 0])
+        # No eigenvalue is larger than three times the largest entry: all that are squeezed too far are among these.
+        bad = ~(np.abs(logs).max(axis=(0, 1)) < -np.log(LEAST_STRETCH) / 3.0)
         if bad.any():
             values, vectors = np.linalg.eigh(stretch[:, :, bad].transpose(2, 0, 1))
             values = np.log(np.maximum(np.abs(values), LEAST_STRETCH))

@@ -123,6 +123,9 @@ def log_positive(m: Array) -> Array:
     """
     shape = m.shape
     x = np.array(m.reshape(3, 3, -1), dtype=np.float64)
+    # By the leading minors. Newton's roots of a negative eigenvalue wander, and may end up at a number that looks good.
+    bad = ~((x[0, 0] > 0.0) & (x[0, 0] * x[1, 1] > x[0, 1] ** 2) & (det3(x) > 0.0))
+    x[:, :, bad] = np.eye(3)[:, :, None]
     factor = np.full(x.shape[2], 2.0)
     for _ in range(MOST_ROOTS):
         far = np.flatnonzero(np.abs(_plus_identity(x, -1.0)).max(axis=(0, 1)) > NEAR_IDENTITY)
@@ -136,8 +139,8 @@ def log_positive(m: Array) -> Array:
     for k in range(13, 0, -2):
         terms = _plus_identity(product(square, terms), 1.0 / k)
     out = factor * product(z, terms)
-    # No root of a matrix that is not positive, or not a number, comes near the identity.
-    out[:, :, ~(np.abs(z).max(axis=(0, 1), initial=0.0) < NEAR_IDENTITY)] = np.nan
+    # Too nearly singular for its roots to come near the identity.
+    out[:, :, bad | ~(np.abs(z).max(axis=(0, 1), initial=0.0) < NEAR_IDENTITY)] = np.nan
     return np.asarray(out.reshape(shape))
 
 
