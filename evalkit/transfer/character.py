@@ -19,6 +19,7 @@ from evalkit.transfer.gradients import (
     checked_shapes,
     deformation_gradients,
     mesh_size,
+    without_area,
 )
 from evalkit.transfer.matrices import inverse, product
 from evalkit.transfer.segmentation import LEVELS, segment, vertex_regions
@@ -90,11 +91,11 @@ class CharacterTransfer:
                 raise EvalkitError(f"{name} '{value}' is not known; use {', '.join(known)}")
         self._kind, self._ridge, self._left = coefficients, ridge, side == "left"
         self.regions = self._regions(regions)
-        rough_gradients = deformation_gradients(self.rest, self.rough, self.triangles)
-        fine_gradients = deformation_gradients(self.rest, self.fine, self.triangles)
-        collapsed = np.argwhere(~np.isfinite(back := inverse(rough_gradients)).all(axis=(0, 1)))
+        collapsed = np.argwhere(without_area(self.rough, self.triangles))
         if len(collapsed):
             raise EvalkitError(f"rough example {collapsed[0, 0]}: triangle {collapsed[0, 1]} has collapsed; mend it")
+        back = inverse(deformation_gradients(self.rest, self.rough, self.triangles))
+        fine_gradients = deformation_gradients(self.rest, self.fine, self.triangles)
         pair = (fine_gradients, back) if self._left else (back, fine_gradients)
         self._mappings = blends[blend].of(product(*pair))
         reach = np.abs(np.concatenate([self.rough, self.fine]) - self.rest).max(axis=(0, 2))
@@ -102,8 +103,8 @@ class CharacterTransfer:
         self._solver = MeshSolver(self.rest, self.triangles, self.pinned)
 
     def _regions(self, regions: ArrayLike | int) -> NDArray[np.intp]:
-        if isinstance(regions, int):
-            labels = segment(self.rest, self.triangles, self.fine, regions)[-1]
+        if isinstance(regions, int | np.integer):
+            labels = segment(self.rest, self.triangles, self.fine, int(regions))[-1]
             return vertex_regions(self.triangles, labels, len(self.rest))
         given = np.asarray(regions)
         if given.shape != (len(self.rest),) or not np.issubdtype(given.dtype, np.integer):
@@ -136,12 +137,15 @@ class CharacterTransfer:
             If shapes or coefficients do not fit.
         """
         new = checked_shapes(shapes, len(self.rest), "rough shapes")
-        weights = self.coefficients(new) if coefficients is None else np.asarray(coefficients, dtype=np.float64)
+        weights = self.coefficients(new) if coefficients is None else _numbers(coefficients)
         expected = (len(new), int(self.regions.max()) + 1, len(self.rough))
         if weights.shape != expected:
             raise EvalkitError(
                 f"coefficients have shape {weights.shape}; expected {expected} (shapes, regions, examples)"
             )
+        bad = np.argwhere(~np.isfinite(weights))
+        if len(bad):
+            raise EvalkitError("coefficients: shape {}, region {}, example {}: not finite".format(*bad[0]))
         out = np.empty_like(new)
         size = max(1, BATCH // len(self.triangles))
         for start in range(0, len(new), size):
@@ -157,6 +161,13 @@ class CharacterTransfer:
         # What pinned vertices and loose parts are held to: exact where the coefficients are those of an example.
         guess = new + np.einsum("nmv,mvi->nvi", at_vertices, self.fine - self.rough)
         return self._solver.solve(product(*pair), guess)
+
+
+def _numbers(coefficients: ArrayLike) -> Array:
+    try:
+        return np.asarray(coefficients, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise EvalkitError("coefficients must be an array of numbers (shapes, regions, examples)") from error
 
 
 def checked_examples(

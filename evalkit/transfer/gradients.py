@@ -43,8 +43,7 @@ def checked_mesh(vertices: ArrayLike, triangles: ArrayLike, name: str = "rest") 
     if len(bad):
         raise EvalkitError(f"{name}: triangle {bad[0]} has vertices {t[bad[0]].tolist()}, of {len(v)}")
     t = t.astype(np.intp)
-    area = 0.5 * np.linalg.norm(np.cross(v[t[:, 1]] - v[t[:, 0]], v[t[:, 2]] - v[t[:, 0]]), axis=1)
-    bad = np.flatnonzero(area <= FLAT * mesh_size(v) ** 2)
+    bad = np.flatnonzero(without_area(v, t))
     if len(bad):
         raise EvalkitError(
             f"{name}: triangle {bad[0]} ({', '.join(map(str, t[bad[0]]))}) has no area ({len(bad)} such); remove it"
@@ -72,6 +71,14 @@ def checked_shapes(shapes: ArrayLike, vertices: int, name: str) -> Array:
     if len(bad):
         raise EvalkitError(f"{name}: shape {bad[0, 0]}: vertex {bad[0, 1]} is not finite ({len(bad)} such)")
     return out
+
+
+def without_area(vertices: Array, triangles: Indices) -> NDArray[np.bool_]:
+    """Triangles that have no direction across them, (..., V, 3) to (..., T)."""
+    a, b, c = (vertices[..., triangles[:, k], :] for k in range(3))
+    area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=-1)
+    size = np.linalg.norm(np.ptp(vertices, axis=-2), axis=-1)
+    return np.asarray(area <= FLAT * size[..., None] ** 2)
 
 
 def mesh_size(vertices: Array) -> float:
