@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from evalkit.errors import EvalkitError
 from evalkit.geometry import Array
 
 RIDGE = 1e-3
@@ -41,10 +42,17 @@ def region_coefficients(
     ndarray, shape (N, R, M)
         Zero where no example moves the region.
 
+    Raises
+    ------
+    EvalkitError
+        If ``ridge`` is negative, or is zero while examples do not differ in a region.
+
     References
     ----------
     Kato et al. 2014, section 3.4, eq. 6 and 7.
     """
+    if not 0.0 <= ridge < np.inf:
+        raise EvalkitError(f"ridge is {ridge:g}; it must be zero or positive")
     solve = kinds[kind]
     count = int(regions.max()) + 1
     out = np.zeros((len(new), count, len(rough)))
@@ -55,7 +63,10 @@ def region_coefficients(
         mean = np.trace(gram) / len(rough)
         if mean > 0.0:
             gram[np.diag_indices(len(rough))] += ridge * mean
-            out[:, region] = solve(gram, new[:, which].reshape(len(new), -1) @ d.T)
+            try:
+                out[:, region] = solve(gram, new[:, which].reshape(len(new), d.shape[1]) @ d.T)
+            except np.linalg.LinAlgError as error:
+                raise EvalkitError(f"region {region}: examples do not differ; use a ridge above {ridge:g}") from error
     return out
 
 
@@ -80,12 +91,17 @@ def _non_negative(gram: Array, right: Array) -> Array:
 
 
 def _convex(gram: Array, right: Array) -> Array:
-    """Where the sum of non-negative coefficients exceeds one, it is held to one by a heavy row."""
+    """Where the sum of non-negative coefficients exceeds one, it is one: the nearest point of a simplex.
+
+    With ``sum w = 1`` what is to be least is a quadratic form, and its minimum over that plane has the direction of the
+    minimum of ``form + s (sum w - 1)^2`` without it, for any s > 0 (Lawson and Hanson 1974, chapter 23).
+    """
     out = _non_negative(gram, right)
-    over = np.flatnonzero(out.sum(axis=1) > 1.0)
-    if len(over):
-        heavy = 1e6 * np.trace(gram) / len(gram)
-        out[over] = _non_negative(gram + heavy, right[over] + heavy)
+    for row in np.flatnonzero(out.sum(axis=1) > 1.0):
+        mean, side = np.trace(gram) / len(gram), right[row]
+        form = gram - side - side[:, None] + side @ np.linalg.solve(gram, side) + mean
+        free = _non_negative(form, np.full((1, len(gram)), mean))[0]
+        out[row] = free / free.sum()
     return out
 
 
