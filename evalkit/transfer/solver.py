@@ -55,8 +55,11 @@ class MeshSolver:
         np.minimum.at(first, self.parts, np.arange(count))
         has_pin = np.zeros(number, dtype=bool)
         has_pin[self.parts[held]] = True
-        self._loose = np.flatnonzero(~has_pin)
-        held[first[self._loose]] = True
+        held[first[~has_pin]] = True
+        self._loose = np.flatnonzero(~has_pin[self.parts])
+        of = self.parts[self._loose]
+        share = 1.0 / np.bincount(self.parts)[of]
+        self._means = sparse.csr_matrix((share, (of, np.arange(len(of)))), shape=(number, len(of)))
         self._free, self._held = np.flatnonzero(~held), np.flatnonzero(held)
         self._coupling = laplacian[self._free][:, self._held]
         self._factor = factorised(laplacian[self._free][:, self._free]) if len(self._free) else None
@@ -84,9 +87,10 @@ class MeshSolver:
         if len(self._held):
             right -= self._coupling @ out[:, self._held].transpose(1, 0, 2).reshape(-1, 3 * count)
         out[:, self._free] = self._factor.solve(right).reshape(-1, count, 3).transpose(1, 0, 2)
-        for part in self._loose:
-            which = np.flatnonzero(self.parts == part)
-            out[:, which] += (guess[:, which] - out[:, which]).mean(axis=1, keepdims=True)
+        if len(self._loose):
+            off = (guess - out)[:, self._loose].transpose(1, 0, 2).reshape(-1, 3 * count)
+            shift = (self._means @ off)[self.parts[self._loose]]
+            out[:, self._loose] += shift.reshape(-1, count, 3).transpose(1, 0, 2)
         return out
 
 
