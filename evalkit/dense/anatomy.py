@@ -19,9 +19,9 @@ from evalkit.head.model import SOFT, Indices
 FRONT = ("face", "upper lip", "lower lip")
 """Regions of a head that are kept: no neck, no rear of the head."""
 
-RIM_MM = 45.0
-"""So much of the sides and of the top of the head is kept around the face, over the surface: skin that stays still, by
-which the solution of a method is held in place."""
+RIM_MM = 60.0
+"""So much of the head above the brows is kept around the face, over the surface: skin that stays still, by which the
+solution of a method is held in place."""
 
 SIDES = {"left": 1.0, "right": -1.0}
 """Side of the person -> sign of x."""
@@ -108,17 +108,19 @@ def front_of(head: Head) -> Front:
     Raises
     ------
     EvalkitError
-        If the head has no face.
+        If the head lacks a region.
     """
+    for region in FRONT:
+        if not len(head.regions.get(region, ())):
+            raise EvalkitError(f"{head.name}: no region '{region}'; its front cannot be told from the rest")
     triangles = head.part_triangles(*SOFT)
     wanted = np.zeros(len(head.vertices), dtype=bool)
     wanted[np.concatenate([head.regions[region] for region in FRONT])] = True
     rim = edge_distance(edge_graph(head.vertices, triangles), np.flatnonzero(wanted), RIM_MM) < RIM_MM
-    rim[head.regions["neck"]] = False
+    # Above the brows only: further down are the ears.
+    rim &= head.vertices[:, 1] > _place(head, "brow inner left")[1]
     wanted |= rim
     triangles = triangles[wanted[triangles].all(axis=1)]
-    if not len(triangles):
-        raise EvalkitError(f"{head.name}: it has no face; its regions are {', '.join(head.regions)}")
     _, label = connected_components(edge_graph(head.vertices, triangles))
     largest = np.bincount(label[triangles[:, 0]]).argmax()
     triangles = triangles[label[triangles[:, 0]] == largest]
@@ -223,10 +225,14 @@ def fading(distance: Array, reach_mm: float) -> Array:
 
 
 def _nearest(head: Head, rest: Array, name: str) -> int:
+    return int(cKDTree(rest).query(_place(head, name))[1])
+
+
+def _place(head: Head, name: str) -> Array:
     place = head.landmarks.get(name, head.marker_sites.get(name))
     if place is None:
         raise EvalkitError(f"{head.name}: no landmark '{name}'; its face cannot be sculpted")
-    return int(cKDTree(rest).query(place)[1])
+    return place
 
 
 def _margins(rest: Array, closed: Array, eye: Array) -> dict[str, int]:

@@ -77,17 +77,17 @@ class Manner:
     lids_late: float = 0.35
     jaw_gain: float = 0.30
     jaw_limit_rad: float = 0.42
-    hinge_mm: tuple[float, float] = (10.0, 12.0)
-    jaw_forward_mm: float = 5.0
-    upper_roll_rad: float = 0.45
-    lower_roll_rad: float = 0.60
-    stiff: float = 0.35
-    thick_mm: float = 3.0
-    bulge_mm: float = 4.0
+    hinge_mm: tuple[float, float] = (14.0, 16.0)
+    jaw_forward_mm: float = 7.0
+    upper_roll_rad: float = 0.60
+    lower_roll_rad: float = 0.80
+    stiff: float = 0.50
+    thick_mm: float = 4.5
+    bulge_mm: float = 5.0
     tilt_mm: float = 2.5
     fold_mm: float = 1.6
     wrinkle_mm: float = 0.9
-    lids_meet_rad: float = 0.14
+    lids_meet_rad: float = 0.18
     crease_mm: float = 0.8
 
 
@@ -95,7 +95,7 @@ HUMAN = Manner()
 
 MUZZLE = Manner(
     left=0.10, right=-0.15, brows=0.6, mouth=0.25, curve_rad=-0.35, jaw_gain=0.4, hinge_mm=(4.0, -8.0),
-    jaw_forward_mm=10.0, upper_roll_rad=0.70, lower_roll_rad=0.90, stiff=0.5, thick_mm=7.0, bulge_mm=6.0,
+    jaw_forward_mm=10.0, upper_roll_rad=0.80, lower_roll_rad=1.00, stiff=0.6, thick_mm=7.0, bulge_mm=6.0,
     fold_mm=2.0, lids_meet_rad=0.18,
 )  # fmt: skip
 """A thick-lipped one, whose corners of the mouth go back rather than up."""
