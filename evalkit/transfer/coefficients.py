@@ -14,6 +14,10 @@ RIDGE = 1e-3
 """Weight of ``|w|^2`` over the mean diagonal of ``D'D``: without it coefficients of alike examples reach several units
 with opposite signs."""
 
+QUIET = 1e-2
+"""A region's mean diagonal counts as at least this share of what its vertices have in the whole mesh: where rough
+examples hardly move, coefficients would say how their rounding grows into the new shape."""
+
 Solver = Callable[[Array, Array], Array]
 
 
@@ -35,7 +39,7 @@ def region_coefficients(
     kind : {"ridge", "non-negative", "sum-to-one", "convex"}
         ``convex``: non-negative with a sum of at most one, the rest of it being the rest mesh.
     ridge : float
-        lambda over the mean diagonal of ``D_r'D_r``.
+        lambda over the mean diagonal of ``D_r'D_r``, or over :data:`QUIET` where the region hardly moves.
 
     Returns
     -------
@@ -56,13 +60,14 @@ def region_coefficients(
     solve = kinds[kind]
     count = int(regions.max()) + 1
     out = np.zeros((len(new), count, len(rough)))
+    least = QUIET * float((rough**2).sum(axis=2).mean())
     for region in range(count):
         which = regions == region
         d = rough[:, which].reshape(len(rough), -1)
         gram = d @ d.T
         mean = np.trace(gram) / len(rough)
         if mean > 0.0:
-            gram[np.diag_indices(len(rough))] += ridge * mean
+            gram[np.diag_indices(len(rough))] += ridge * max(mean, least * int(which.sum()))
             try:
                 out[:, region] = solve(gram, new[:, which].reshape(len(new), d.shape[1]) @ d.T)
             except np.linalg.LinAlgError as error:
