@@ -117,8 +117,10 @@ def front_of(head: Head) -> Front:
     wanted = np.zeros(len(head.vertices), dtype=bool)
     wanted[np.concatenate([head.regions[region] for region in FRONT])] = True
     rim = edge_distance(edge_graph(head.vertices, triangles), np.flatnonzero(wanted), RIM_MM) < RIM_MM
-    # Above the brows only: further down are the ears.
-    rim &= head.vertices[:, 1] > _place(head, "brow inner left")[1]
+    # Above the brows only, further back only higher up: the edge passes above the ears.
+    face = head.vertices[head.regions["face"]]
+    behind = np.maximum(face[:, 2].min() - head.vertices[:, 2], 0.0)
+    rim &= head.vertices[:, 1] > _place(head, "brow inner left")[1] + behind
     wanted |= rim
     triangles = triangles[wanted[triangles].all(axis=1)]
     _, label = connected_components(edge_graph(head.vertices, triangles))

@@ -94,7 +94,7 @@ class Manner:
 HUMAN = Manner()
 
 MUZZLE = Manner(
-    left=0.10, right=-0.15, brows=0.6, mouth=0.25, curve_rad=-0.35, jaw_gain=0.4, hinge_mm=(4.0, -8.0),
+    left=0.10, right=-0.15, brows=0.6, mouth=0.20, curve_rad=-0.30, jaw_gain=0.4, hinge_mm=(4.0, -8.0),
     jaw_forward_mm=10.0, upper_roll_rad=0.80, lower_roll_rad=1.00, stiff=0.6, thick_mm=7.0, bulge_mm=6.0,
     fold_mm=2.0, lids_meet_rad=0.18,
 )  # fmt: skip
@@ -160,7 +160,7 @@ def sculpt(rest: Array, rough: Array, anatomy: Anatomy, manner: Manner = HUMAN, 
     moves = without_jaw(rest, rough, anatomy, angle)
     moves = moves + style * _eased(rest, moves, anatomy, manner)
     moves = moves + style * _lids_late(rest, moves, anatomy, manner)
-    out = _jaw(rest + moves, angle, anatomy, manner, style)
+    out = with_jaw(rest + moves, anatomy, angle) + style * _jaw(rest, rough, moves, angle, anatomy, manner)
     out = _lips(rest, rough, out, anatomy, manner, style)
     out += style * (_cheeks(rest, out, anatomy, manner) + _brows(rest, rough, anatomy, manner))
     return _lids_meet(rest, rough, out, anatomy, manner, style)
@@ -234,14 +234,17 @@ def _lids_late(rest: Array, moves: Array, anatomy: Anatomy, manner: Manner) -> A
     return out
 
 
-def _jaw(shapes: Array, angle: Array, anatomy: Anatomy, manner: Manner, style: float) -> Array:
+def _jaw(rest: Array, rough: Array, moves: Array, angle: Array, anatomy: Anatomy, manner: Manner) -> Array:
+    """Rule 4: what the jaw adds to shapes that are turned as the rough ones are."""
     limit = manner.jaw_limit_rad
     eased = limit * np.tanh((1.0 + manner.jaw_gain) * angle / limit)
-    angle = angle + style * (eased - angle)
-    centre = anatomy.hinge + style * np.array([0.0, *manner.hinge_mm])
-    out = about_x(shapes - centre, angle[:, None] * anatomy.share) + centre
-    out[..., 2] += style * manner.jaw_forward_mm * np.tanh(angle / JAW_RAD)[:, None] * anatomy.share
-    return out
+    centre = anatomy.hinge + np.array([0.0, *manner.hinge_mm])
+    shapes = rest + moves
+    out = about_x(shapes - centre, eased[:, None] * anatomy.share) + centre - with_jaw(shapes, anatomy, angle)
+    out[..., 2] += manner.jaw_forward_mm * np.tanh(eased / JAW_RAD)[:, None] * anatomy.share
+    # Lips that are held closed over an open jaw stay where they are, or they would go through each other.
+    held = 1.0 - np.tanh(parted(rest, rough, anatomy) / PART_MM)
+    return np.asarray(out * (1.0 - held[:, None] * anatomy.weights["mouth"])[..., None])
 
 
 def parted(rest: Array, shapes: Array, anatomy: Anatomy) -> Array:

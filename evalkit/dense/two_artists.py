@@ -18,8 +18,9 @@ from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
 from evalkit.deform.surface import components, edge_distance, edge_graph
+from evalkit.dense.actors import CORRECTIVE, ICT_FILE
 from evalkit.dense.anatomy import SIDES, anatomy_of, front_of, hand_drawn_regions, scored_regions
-from evalkit.dense.characters import CORRECTIVE, ICT_FILE, Character, shared_names
+from evalkit.dense.characters import Character, shared_names
 from evalkit.errors import EvalkitError
 from evalkit.geometry import Array
 from evalkit.head import Head, load_head
@@ -33,7 +34,7 @@ DIRECTIONS = ("ict to makehuman", "makehuman to ict")
 """Whose shapes go onto whose head."""
 
 MAKEHUMAN_CURVES = {
-    "upper lid": (3571, 3573, 3595, 3574, 3576, 3579), "lower lid": (3571, 3587, 3584, 3583, 3579),
+    "upper lid": (4306, 4310, 4298, 4303, 4322), "lower lid": (4306, 4308, 4316, 4320, 4322),
     "upper lip outer": (455, 2651, 2606, 2598), "lower lip outer": (492, 2671, 2601, 2598),
     "upper lip inner": (474, 2663, 2615, 2628), "lower lip inner": (493, 2672, 2633, 2628),
 }  # fmt: skip
