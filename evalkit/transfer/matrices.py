@@ -16,7 +16,8 @@ SMALL_NORM = 0.125
 SERIES = 8
 
 NEAR_IDENTITY = 0.2
-"""Roots are taken until a matrix is so near to the identity; then eight terms of the series are exact to rounding."""
+"""Roots are taken until a matrix is so near to the identity, in the Frobenius norm; then eight terms of the series are
+exact to rounding."""
 
 NEWTON_STEPS = 12
 """The scaled iteration meets rounding in nine steps for any condition number up to 1e16."""
@@ -128,7 +129,8 @@ def log_positive(m: Array) -> Array:
     x[:, :, bad] = np.eye(3)[:, :, None]
     factor = np.full(x.shape[2], 2.0)
     for _ in range(MOST_ROOTS):
-        far = np.flatnonzero(np.abs(_plus_identity(x, -1.0)).max(axis=(0, 1)) > NEAR_IDENTITY)
+        off = _plus_identity(x, -1.0)
+        far = np.flatnonzero(np.einsum("ijn,ijn->n", off, off) > NEAR_IDENTITY**2)
         if not len(far):
             break
         x[:, :, far] = _root_positive(x[:, :, far])
