@@ -35,6 +35,9 @@ LIP_NODES, LIP_NODE_MM = 17, 4.0
 LID_MIDDLE_MM = 4.0
 """The margins of the lids are looked for so near to the middle of the eye."""
 
+SHUT = 0.5
+"""An eye that is narrowed by less than this when it should be closed does not close."""
+
 REACH_MM = {
     "corner": 34.0, "cheek": 26.0, "brow": 24.0, "nose": 18.0, "mouth": 34.0, "lips": 12.0, "eye": 11.0,
     "forehead": 40.0, "glabella": 18.0,
@@ -81,6 +84,8 @@ class Anatomy:
         A point of the jaw's axis, which is parallel to x.
     eyes : dict of str to ndarray, shape (3,), mm
         Middle of the eyeball of either side.
+    shut : dict of str to float
+        By how much of its height, measured at the middle of the lids, the head narrows either eye when it closes.
     places : dict of str to int
         Vertices: ``corner``, ``cheek``, ``brow``, ``upper lid``, ``lower lid``, ``eye inner``, each with its side.
     contact : ndarray of int, shape (2, P)
@@ -95,6 +100,7 @@ class Anatomy:
     share: Array
     hinge: Array
     eyes: dict[str, Array]
+    shut: dict[str, float]
     places: dict[str, int]
     contact: Indices
     weights: dict[str, Array]
@@ -160,7 +166,16 @@ def anatomy_of(head: Head, front: Front, opened: Array, closed: Array) -> Anatom
         sites = {"corner": "Mouth", "cheek": "Cheek", "brow inner": "BrowIn", "brow outer": "BrowOut"}
         places |= {f"{name} {side}": _nearest(head, rest, site + mark) for name, site in sites.items()}
         places[f"eye inner {side}"] = _nearest(head, rest, f"eye inner {side}")
-        places |= {f"{lid} lid {side}": vertex for lid, vertex in _margins(rest, closed, eyes[side]).items()}
+    # The right lids are the left ones mirrored: of equally good vertices either side could take another.
+    lids = _margins(rest, closed, eyes["left"])
+    tree = cKDTree(rest)
+    shut = {}
+    for side, sign in SIDES.items():
+        found = [int(tree.query(rest[vertex] * [sign, 1.0, 1.0])[1]) for vertex in lids]
+        places |= {f"upper lid {side}": found[0], f"lower lid {side}": found[1]}
+        shut[side] = float(narrowed(rest, closed[None], eyes[side], found)[0])
+        if shut[side] < SHUT:
+            raise EvalkitError(f"{head.name}: its {side} eye does not close; it needs shapes that close both eyes")
     contact = lip_contact(head)
     pairs = np.stack([contact.lower, contact.upper[np.arange(len(contact.share)), (contact.share > 0.5).astype(int)]])
     pairs = pairs[:, np.isin(pairs, front.kept).all(axis=0)]
@@ -173,6 +188,7 @@ def anatomy_of(head: Head, front: Front, opened: Array, closed: Array) -> Anatom
         share=_jaw_share(rest, opened, axis),
         hinge=axis,
         eyes=eyes,
+        shut=shut,
         places=places,
         contact=middle,
         weights=_weights(head, rest, places, eyes, pairs),
@@ -237,14 +253,26 @@ def _place(head: Head, name: str) -> Array:
     return place
 
 
-def _margins(rest: Array, closed: Array, eye: Array) -> dict[str, int]:
+def elevation(shapes: Array, eye: Array, which: int | slice = slice(None)) -> Array:
+    """Angle above the horizon at which vertices of shapes (N, V, 3) are seen from the middle of an eye, rad."""
+    arm = shapes[:, which] - eye
+    return np.asarray(np.arctan2(arm[..., 1], arm[..., 2]))
+
+
+def narrowed(rest: Array, shapes: Array, eye: Array, lids: list[int]) -> Array:
+    """Part of the height of an eye that shapes (N, V, 3) take away, between an upper and a lower vertex of its lids."""
+    gap, before = (elevation(s, eye, lids[0]) - elevation(s, eye, lids[1]) for s in (shapes, rest[None]))
+    return np.asarray(1.0 - gap / before)
+
+
+def _margins(rest: Array, closed: Array, eye: Array) -> tuple[int, int]:
     """The vertex of the upper lid that goes furthest when the eye closes, and that of the lower lid that it meets."""
     way = np.linalg.norm(closed - rest, axis=1)
     near = (np.abs(rest[:, 0] - eye[0]) < LID_MIDDLE_MM) & (np.linalg.norm(rest - eye, axis=1) < SOCKET_MM + 4.0)
     upper = np.flatnonzero(near)[way[near].argmax()]
     still = np.flatnonzero(near & (way < 0.5 * way[upper]) & (rest[:, 1] < rest[upper, 1]))
     lower = still[np.linalg.norm(closed[still] - closed[upper], axis=1).argmin()]
-    return {"upper": int(upper), "lower": int(lower)}
+    return int(upper), int(lower)
 
 
 def _jaw_share(rest: Array, opened: Array, axis: Array) -> Array:

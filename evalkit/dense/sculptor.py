@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from evalkit.dense.anatomy import SIDES, Anatomy
+from evalkit.dense.anatomy import SIDES, Anatomy, elevation, narrowed
 from evalkit.dense.face import about_x
 from evalkit.geometry import Array
 from evalkit.seeds import generator
@@ -210,17 +210,9 @@ def _eased(rest: Array, moves: Array, anatomy: Anatomy, manner: Manner) -> Array
 
 
 def closure(rest: Array, shapes: Array, anatomy: Anatomy, side: str) -> Array:
-    """How far an eye is closed, shape (N,): 0 as at rest, 1 closed, below 0 wider."""
-    upper, lower = (anatomy.places[f"{lid} lid {side}"] for lid in ("upper", "lower"))
-    gap = elevation(shapes, anatomy.eyes[side], upper) - elevation(shapes, anatomy.eyes[side], lower)
-    at_rest = elevation(rest[None], anatomy.eyes[side], upper) - elevation(rest[None], anatomy.eyes[side], lower)
-    return np.asarray(1.0 - gap / at_rest)
-
-
-def elevation(shapes: Array, eye: Array, which: int | slice = slice(None)) -> Array:
-    """Angle above the horizon, seen from the middle of an eye, rad."""
-    arm = shapes[:, which] - eye
-    return np.asarray(np.arctan2(arm[..., 1], arm[..., 2]))
+    """How far an eye is closed, shape (N,): 0 as at rest, 1 as the head closes it, below 0 wider."""
+    lids = [anatomy.places[f"{lid} lid {side}"] for lid in ("upper", "lower")]
+    return narrowed(rest, shapes, anatomy.eyes[side], lids) / anatomy.shut[side]
 
 
 def _lids_late(rest: Array, moves: Array, anatomy: Anatomy, manner: Manner) -> Array:
