@@ -239,6 +239,12 @@ def heads_correspondence(source: Artist, target: Artist) -> Correspondence:
     The coarser head is the one that is bent, whichever is the source: its size sets the time.
     """
     bent, other = sorted((source, target), key=lambda artist: len(artist.soft))
-    a, b = with_curves(bent, other)
-    a = replace(a, vertices=register(a, b))
+    a, b = registered(bent, other)
     return correspondence_of(a, b) if bent is source else correspondence_of(b, a)
+
+
+@lru_cache(maxsize=1)
+def registered(bent: Artist, other: Artist) -> tuple[Surface, Surface]:
+    """The one's surface bent onto the other's, and the other's."""
+    a, b = with_curves(bent, other)
+    return replace(a, vertices=register(a, b)), b

@@ -89,7 +89,7 @@ class DeformationTransfer:
         gradients = deformation_gradients(self.source_rest, given, self.source_triangles)
         partners = (self._mean @ gradients.reshape(-1, gradients.shape[-1]).T).T
         guess = np.broadcast_to(self.target_rest, (len(given), *self.target_rest.shape))
-        return self._solver.solve(partners.reshape(3, 3, len(given), -1), guess)
+        return self._solver.solve(partners.reshape(3, 3, len(given), len(self.target_triangles)), guess)
 
 
 def still_vertices(

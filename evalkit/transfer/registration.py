@@ -101,6 +101,9 @@ def register(
 
     vertices, triangles = checked_mesh(source.vertices, source.triangles, source.name)
     on, faces = checked_mesh(target.vertices, target.triangles, target.name)
+    for one in (source, target):
+        if one.labels is not None and len(one.labels) != len(one.vertices):
+            raise EvalkitError(f"{one.name}: {len(one.labels)} labels for {len(one.vertices)} vertices")
     held, places = shared_landmarks(source, target)
     rest = _similar(vertices[held], places, vertices)
     part = components(triangles, len(vertices))
