@@ -102,6 +102,8 @@ class Actor:
     ----------
     head : Head
         The whole head that it is the front of.
+    kept : ndarray of int, shape (V,)
+        Its vertices in the head.
     rest : ndarray, shape (V, 3), mm
     triangles : ndarray of int, shape (T, 3)
     shapes : dict of str to ndarray, shape (V, 3), mm
@@ -113,6 +115,7 @@ class Actor:
     """
 
     head: Head
+    kept: Indices
     rest: Array
     triangles: Indices
     shapes: dict[str, Array]
@@ -209,6 +212,7 @@ def _actor(
     anatomy = anatomy_of(head, front, opened[front.kept], closed[front.kept])
     return Actor(
         head=head,
+        kept=front.kept,
         rest=front.rest,
         triangles=front.triangles,
         shapes={name: shape[front.kept] for name, shape in shapes.items()},
@@ -244,7 +248,6 @@ def modes_of(person: int) -> dict[str, float]:
 def as_person(actor: Actor, identity: Mapping[str, float]) -> Actor:
     """The same expressions on another person: the identity is added to all shapes, and moves the eyes."""
     moves = _mixed(actor.head, identity)
-    kept = front_of(actor.head).kept
     balls = actor.head.part_vertices("eyeballs")
     eyes = {
         side: eye + moves[balls[sign * actor.head.vertices[balls, 0] > 0.0]].mean(axis=0)
@@ -252,7 +255,7 @@ def as_person(actor: Actor, identity: Mapping[str, float]) -> Actor:
     }
     return replace(
         actor,
-        rest=actor.rest + moves[kept],
-        shapes={name: shape + moves[kept] for name, shape in actor.shapes.items()},
+        rest=actor.rest + moves[actor.kept],
+        shapes={name: shape + moves[actor.kept] for name, shape in actor.shapes.items()},
         anatomy=replace(actor.anatomy, eyes=eyes),
     )

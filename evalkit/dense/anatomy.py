@@ -35,6 +35,9 @@ LIP_NODES, LIP_NODE_MM = 17, 4.0
 LID_MIDDLE_MM = 4.0
 """The margins of the lids are looked for so near to the middle of the eye."""
 
+EVEN_MM = 0.01
+"""Places that lie as far as each other on the left and the right may differ by so much."""
+
 SHUT = 0.5
 """An eye that is narrowed by less than this when it should be closed does not close."""
 
@@ -182,6 +185,9 @@ def anatomy_of(head: Head, front: Front, opened: Array, closed: Array) -> Anatom
     if not pairs.size:
         raise EvalkitError(f"{head.name}: its lips do not touch at rest")
     pairs = np.searchsorted(front.kept, pairs)
+    # As far on either side: the contact may end at another vertex on the left than on the right.
+    ends = rest[pairs[0], 0]
+    pairs = pairs[:, np.abs(ends) <= min(ends.max(), -ends.min()) + EVEN_MM]
     middle = pairs[:, np.abs(rest[pairs[0], 0]) < MIDDLE_MM]
     gather, spread = _along(rest, pairs)
     return Anatomy(

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.interpolate import RBFInterpolator
 
 from evalkit.dense.anatomy import Anatomy
-from evalkit.dense.sculptor import jaw_angle, with_jaw, without_jaw
+from evalkit.dense.sculptor import jaw_angle, settled, with_jaw, without_jaw
 from evalkit.geometry import Array
 from evalkit.head import Head
 
@@ -110,4 +110,5 @@ def carried(rest: Array, shapes: Array, anatomy: Anatomy, warp: Warp, bent: Anat
     """
     angle = jaw_angle(rest, shapes, anatomy)
     moves = np.einsum("vij,nvj->nvi", jacobian(warp, rest), without_jaw(rest, shapes, anatomy, angle))
-    return with_jaw(warp(rest) + moves, bent, angle)
+    there = warp(rest)
+    return settled(there, with_jaw(there + moves, bent, angle))

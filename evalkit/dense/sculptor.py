@@ -121,6 +121,9 @@ LID_RAD = 0.35
 JAW_RAD = 0.15
 """Angle at which the jaw has come forward by ``tanh(1)`` of its way."""
 
+STILL_MM = 1e-9
+"""Below this all is rounding: of turning the jaw back and forth."""
+
 OUTWARD = {side: np.array([0.45 * sign, 0.20, 0.87]) for side, sign in SIDES.items()}
 """Where a cheek bulges to."""
 
@@ -163,7 +166,13 @@ def sculpt(rest: Array, rough: Array, anatomy: Anatomy, manner: Manner = HUMAN, 
     out = with_jaw(rest + moves, anatomy, angle) + style * _jaw(rest, rough, moves, angle, anatomy, manner)
     out = _lips(rest, rough, out, anatomy, manner, style)
     out += style * (_cheeks(rest, out, anatomy, manner) + _brows(rest, rough, anatomy, manner))
-    return _lids_meet(rest, rough, out, anatomy, manner, style)
+    out = _lids_meet(rest, rough, out, anatomy, manner, style)
+    return settled(rough, out)
+
+
+def settled(still: Array, moved: Array) -> Array:
+    """Shapes that are exactly the still ones where they differ by rounding only: what no rule moves must not move."""
+    return np.where(np.abs(moved - still) > STILL_MM, moved, still)
 
 
 def jaw_angle(rest: Array, shapes: Array, anatomy: Anatomy) -> Array:
