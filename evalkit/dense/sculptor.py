@@ -106,6 +106,9 @@ FAR_MM = {"brow": 2.5, "corner": 4.0, "cheek": 2.0, "nose": 1.2, "mouth": 3.0}
 SMILE_MM, PART_MM, NARROW = 8.0, 9.0, 0.15
 """Corners turn upward, lips roll, lips thicken: ``tanh`` of the way over this (for lips: of the share of the width)."""
 
+THINNED = 0.4
+"""By how much of the way by which narrowed lips come forward, lips that are drawn apart go back."""
+
 SQUASH = 0.12
 """Of the distance from mouth to eye, at which a cheek bulges by ``tanh(1)`` of its full height."""
 
@@ -274,6 +277,8 @@ def _lips(rest: Array, rough: Array, shapes: Array, anatomy: Anatomy, manner: Ma
         out += about_x(arm, roll * lip) + axis - shapes
     width = np.abs(rough[:, corners[0], 0] - rough[:, corners[1], 0])
     narrow = np.tanh((1.0 - width / (2.0 * half)) / NARROW)
+    # Drawn apart they lie against the teeth, and have less far to go.
+    narrow = np.where(narrow < 0.0, THINNED * narrow, narrow)
     out[..., 2] += style * manner.thick_mm * narrow[:, None] * weight
     return out
 
