@@ -25,11 +25,7 @@ def read_obj(path: Path, content: bytes) -> Mesh:
     EvalkitError
         If a vertex or face cannot be read; with its line.
     """
-    # As bytes throughout: comments and names may be in any encoding, and come back as they were.
-    lines = CONTINUED.sub(b" ", content).splitlines(keepends=True)
-    words = [line.split(None, 1)[:1] for line in lines]
-    vertex_lines = [k for k, word in enumerate(words) if word == [b"v"]]
-    face_lines = [k for k, word in enumerate(words) if word == [b"f"]]
+    lines, vertex_lines, face_lines = _lines(content)
     if not vertex_lines:
         raise EvalkitError(f"{path}: holds no vertices; is it an OBJ file?")
     try:
@@ -53,17 +49,29 @@ def read_obj(path: Path, content: bytes) -> Mesh:
         corners += [v - 1 if v > 0 else int(known) + v for v in face]
 
     def rewritten(places: Array, targets: Mapping[str, Array]) -> bytes:
-        out = [line for line, word in zip(lines, words, strict=True)]
+        # Split again: the lines of many shapes, kept, would fill the memory.
+        out, vertex_lines, face_lines = _lines(content)
         for k, place in zip(vertex_lines, places.tolist(), strict=True):
-            body, more = lines[k].rstrip(), lines[k].split()[4:]
+            body, more = out[k].rstrip(), out[k].split()[4:]
             text = [b"v", *(repr(x).encode() for x in place), *more]
-            out[k] = b" ".join(text) + lines[k][len(body) :]
+            out[k] = b" ".join(text) + out[k][len(body) :]
         for k in face_lines:
-            out[k] = NORMAL.sub(lambda found: found[1] if len(found[1]) > 1 else b"", lines[k])
+            out[k] = NORMAL.sub(lambda found: found[1] if len(found[1]) > 1 else b"", out[k])
         # Normals of the shape that was read are not those of this one; programs make their own where none are stored.
-        return b"".join(line for line, word in zip(out, words, strict=True) if word != [b"vn"])
+        return b"".join(line for line in out if line.split(None, 1)[:1] != [b"vn"])
 
     return Mesh(path, vertices, np.array(sizes, dtype=np.intp), np.array(corners, dtype=np.intp), rewritten)
+
+
+def _lines(content: bytes) -> tuple[list[bytes], list[int], list[int]]:
+    """Lines of a file, and which of them are vertices and faces.
+
+    As bytes throughout: comments and names may be in any encoding, and come back as they were.
+    """
+    lines = CONTINUED.sub(b" ", content).splitlines(keepends=True)
+    words = [line.split(None, 1)[:1] for line in lines]
+    vertex_lines, face_lines = ([k for k, word in enumerate(words) if word == [kind]] for kind in (b"v", b"f"))
+    return lines, vertex_lines, face_lines
 
 
 def _three_numbers(line: bytes) -> bool:

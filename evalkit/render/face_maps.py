@@ -72,6 +72,31 @@ def coloured_skin(
     EvalkitError
         If nothing can be drawn without a screen here.
     """
+    with offscreen_plotter(*size, border=False) as opened:
+        plotter: Any = opened
+        plotter.set_background("white")
+        add_skin(plotter, vertices, triangles, values, camera, limits=limits, edges=edges)
+        if backdrop_mm is not None:
+            import pyvista
+
+            middle = np.array([camera.middle[0], camera.middle[1], backdrop_mm])
+            board = pyvista.Plane(center=middle, direction=(0, 0, 1), i_size=6e2, j_size=6e2)
+            plotter.add_mesh(board, color="black", lighting=False, reset_camera=False)
+        plotter.render_window.SetMultiSamples(8)
+        return np.asarray(plotter.screenshot(None, return_img=True))
+
+
+def add_skin(
+    plotter: Any,
+    vertices: Array,
+    triangles: Indices,
+    values: Array | None,
+    camera: Camera,
+    *,
+    limits: tuple[float, float] = (0.0, 1.0),
+    edges: bool = False,
+) -> None:
+    """Add a surface to a plotter as :func:`coloured_skin` draws it, and point its camera."""
     import pyvista
 
     yaw, pitch = np.deg2rad([camera.yaw_deg, camera.pitch_deg])
@@ -83,20 +108,11 @@ def coloured_skin(
         look = {"scalars": "value", "clim": limits, "cmap": COLOUR_MAP, "show_scalar_bar": False}
     if edges:
         look |= {"show_edges": True, "edge_color": "#202020", "line_width": 1}
-    with offscreen_plotter(*size, border=False) as opened:
-        plotter: Any = opened
-        plotter.set_background("white")
-        # Mostly ambient: the colour must be that of the bar, and the light only shows the shape.
-        plotter.add_mesh(mesh, smooth_shading=True, split_sharp_edges=False, ambient=0.5, diffuse=0.55, **look)
-        if backdrop_mm is not None:
-            middle = np.array([camera.middle[0], camera.middle[1], backdrop_mm])
-            board = pyvista.Plane(center=middle, direction=(0, 0, 1), i_size=6e2, j_size=6e2)
-            plotter.add_mesh(board, color="black", lighting=False)
-        plotter.camera.parallel_projection = True
-        plotter.camera.position = np.array(camera.middle) + 500.0 * side
-        plotter.camera.focal_point = camera.middle
-        plotter.camera.up = (0.0, 1.0, 0.0)
-        plotter.camera.parallel_scale = camera.half_mm
-        plotter.camera.clipping_range = (50.0, 1500.0)
-        plotter.render_window.SetMultiSamples(8)
-        return np.asarray(plotter.screenshot(None, return_img=True))
+    # Mostly ambient: the colour must be that of the bar, and the light only shows the shape.
+    plotter.add_mesh(mesh, smooth_shading=True, split_sharp_edges=False, ambient=0.5, diffuse=0.55, **look)
+    plotter.camera.parallel_projection = True
+    plotter.camera.position = np.array(camera.middle) + 500.0 * side
+    plotter.camera.focal_point = camera.middle
+    plotter.camera.up = (0.0, 1.0, 0.0)
+    plotter.camera.parallel_scale = camera.half_mm
+    plotter.camera.clipping_range = (50.0, 1500.0)
