@@ -98,7 +98,7 @@ class CharacterTransfer:
         fine_gradients = deformation_gradients(self.rest, self.fine, self.triangles)
         pair = (fine_gradients, back) if self._left else (back, fine_gradients)
         self._mappings = blends[blend].of(product(*pair))
-        reach = np.abs(np.concatenate([self.rough, self.fine]) - self.rest).max(axis=(0, 2))
+        reach = np.linalg.norm(np.concatenate([self.rough, self.fine]) - self.rest, axis=2).max(axis=0)
         self.pinned = reach <= STILL * mesh_size(self.rest)
         self._solver = MeshSolver(self.rest, self.triangles, self.pinned)
 

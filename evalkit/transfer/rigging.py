@@ -47,7 +47,7 @@ def example_based_rig(rest: Array, triangles: Indices, rough: Array, fine: Array
     ndarray, shape (N, V, 3)
     """
     shapes = np.concatenate([rough, new])
-    reach = np.abs(np.concatenate([shapes, fine]) - rest).max(axis=(0, 2))
+    reach = np.linalg.norm(np.concatenate([shapes, fine]) - rest, axis=2).max(axis=0)
     solver = MeshSolver(rest, triangles, reach <= STILL * mesh_size(rest))
     prior, goal = (_gradient_moves(rest, s, triangles) for s in (shapes, fine))
     size = np.sqrt((prior**2).sum(axis=1))

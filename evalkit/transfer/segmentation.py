@@ -66,12 +66,13 @@ def _unit_variance(block: Array) -> Array:
 
 
 def two_means(vectors: Array) -> NDArray[np.intp]:
-    """Cluster 0 or 1 of each vector (n, d): Lloyd's iteration from the sign along the principal axis."""
+    """Cluster 0 or 1 of each vector (n, d): Lloyd's iteration from the sign along the principal axis.
+
+    Cluster 0 is the larger one, or has the first vector.
+    """
     centred = vectors - vectors.mean(axis=0)
     axis = np.linalg.eigh(centred.T @ centred)[1][:, -1]
-    # The sign of an eigenvector is arbitrary: its largest entry is made positive.
-    along = centred @ (axis * np.sign(axis[np.abs(axis).argmax()]))
-    second = along > 0.0
+    second = centred @ axis > 0.0
     for _ in range(MOST_STEPS):
         count = int(second.sum())
         if not 0 < count < len(vectors):
@@ -83,6 +84,9 @@ def two_means(vectors: Array) -> NDArray[np.intp]:
         if np.array_equal(after, second):
             break
         second = after
+    # The sign of an eigenvector is arbitrary and changes with the axes of the world; sizes do not.
+    if (2 * second.sum(), second[0]) > (len(vectors), False):
+        second = ~second
     return second.astype(np.intp)
 
 
