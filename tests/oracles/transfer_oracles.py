@@ -169,10 +169,7 @@ def simplex(system, right):
         chosen = [k for k in range(count) if mask >> k & 1]
         for full in (False, True):
             part = system[:, chosen]
-            if full:
-                w = plane_minimum(part, right)
-            else:
-                w = np.linalg.lstsq(part, right, rcond=None)[0]
+            w = plane_minimum(part, right) if full else np.linalg.lstsq(part, right, rcond=None)[0]
             if w.min() < 0.0 or w.sum() > 1.0 + 1e-12:
                 continue
             cost = float(((part @ w - right) ** 2).sum())
@@ -218,7 +215,7 @@ def transfer(rest, triangles, rough, fine, new, regions, *, still, ridge, quiet)
         wanted.append(blend(mappings, mean) @ own)
     size = np.linalg.norm(rest.max(axis=0) - rest.min(axis=0))
     pinned = np.array(
-        [max(np.abs(shape[i] - rest[i]).max() for shape in (*rough, *fine)) <= still * size for i in range(len(rest))]
+        [max(np.linalg.norm(shape[i] - rest[i]) for shape in (*rough, *fine)) <= still * size for i in range(len(rest))]
     )
     guess = np.array(
         [new[i] + sum(w * (f[i] - r[i]) for w, f, r in zip(weights[regions[i]], fine, rough, strict=True))
