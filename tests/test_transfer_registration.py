@@ -17,6 +17,7 @@ from evalkit.seeds import generator
 from evalkit.transfer.correspondence import (
     Correspondence,
     correspondence_of,
+    corresponding,
     read_correspondence,
     same_topology,
     topology_hash,
@@ -92,6 +93,18 @@ def bent_pair():
     return source, target, warp(rest)
 
 
+@lru_cache(maxsize=1)
+def bent_registered():
+    source, target, _ = bent_pair()
+    return register(source, target)
+
+
+@lru_cache(maxsize=1)
+def bent_correspondence():
+    source, target, _ = bent_pair()
+    return correspondence_of(replace(source, vertices=bent_registered()), target)
+
+
 def rms(a):
     return float(np.sqrt((np.asarray(a) ** 2).sum(axis=-1).mean()))
 
@@ -110,7 +123,7 @@ def test_registration_finds_a_known_warp_of_another_triangulation():
         off = (moved - truth)[inner]
         return rms(off) / edge, rms(np.einsum("vi,vi->v", off, normals)[:, None]) / edge
 
-    everywhere, outward = errors(register(source, target))
+    everywhere, outward = errors(bent_registered())
     _, outward_without_surface = errors(register(source, target, closest=()))
     four = {name: source.landmarks[name] for name in ("0", "1", "2", "4")}
     without_landmarks, _ = errors(register(replace(source, landmarks=four), target))
@@ -134,13 +147,13 @@ def test_registration_does_not_depend_on_pose_or_unit():
         elsewhere(source.vertices), source.triangles, {k: elsewhere(v) for k, v in source.landmarks.items()}
     )
     # Only rounding differs; matches that flip by it move a vertex by far less than this share of the face.
-    assert np.abs(register(moved, target) - register(source, target)).max() < 1e-6 * WIDTH
+    assert np.abs(register(moved, target) - bent_registered()).max() < 1e-6 * WIDTH
 
 
 def test_landmarks_are_met_exactly():
     source, target, _ = bent_pair()
     held = [int(np.linalg.norm(source.vertices - place, axis=1).argmin()) for place in source.landmarks.values()]
-    moved = register(source, target)
+    moved = bent_registered()
     np.testing.assert_array_equal(moved[held], [target.landmarks[name] for name in source.landmarks])
 
 
@@ -256,7 +269,7 @@ def test_a_finer_copy_takes_the_shapes():
 
 def test_identity_and_scale():
     source, target, _ = bent_pair()
-    between = correspondence_of(replace(source, vertices=register(source, target)), target)
+    between = bent_correspondence()
     big = DeformationTransfer(7.0 * source.vertices, source.triangles, target.vertices, target.triangles, between)
     same = DeformationTransfer(source.vertices, source.triangles, target.vertices, target.triangles, between)
     rest = same.transfer(source.vertices[None])
@@ -268,7 +281,7 @@ def test_identity_and_scale():
 
 def test_a_rigid_motion_turns_the_target_about_its_mean():
     source, target, _ = bent_pair()
-    between = correspondence_of(replace(source, vertices=register(source, target)), target)
+    between = bent_correspondence()
     angle = 0.4
     turn = np.array([[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]])
     transfer = DeformationTransfer(source.vertices, source.triangles, target.vertices, target.triangles, between)
@@ -339,7 +352,7 @@ def test_neighbours_share_an_edge():
 
 def test_a_correspondence_is_kept_and_belongs_to_its_meshes(tmp_path):
     source, target, _ = bent_pair()
-    between = correspondence_of(replace(source, vertices=register(source, target)), target)
+    between = bent_correspondence()
     path = tmp_path / "pairs.npz"
     between.save(path)
     again = read_correspondence(path, source.triangles, target.triangles)
@@ -357,6 +370,30 @@ def test_a_correspondence_is_kept_and_belongs_to_its_meshes(tmp_path):
         read_correspondence(tmp_path / "none.npz", source.triangles, target.triangles)
     with pytest.raises(EvalkitError, match="cannot write the correspondence"):
         between.save(tmp_path / "no folder" / "pairs.npz")
+
+
+def test_what_was_registered_is_not_registered_again(tmp_path, monkeypatch):
+    calls = []
+
+    def counted(*surfaces):
+        calls.append(surfaces)
+        return register(*surfaces)
+
+    monkeypatch.setattr("evalkit.transfer.correspondence.register", counted)
+    monkeypatch.setattr("evalkit.transfer.correspondence.cache_folder", lambda: tmp_path / "cache")
+    source, target, _ = bent_pair()
+    first, again = corresponding(source, target), corresponding(source, target)
+    np.testing.assert_array_equal(first.source, again.source)
+    assert len(calls) == 1
+    moved = source.vertices.copy()
+    moved[400] += 0.1
+    corresponding(replace(source, vertices=moved), target)
+    assert len(calls) == 2
+    # The other way round is known from the same registration, in which the coarser is bent.
+    back = corresponding(target, source)
+    assert len(calls) == 2
+    assert all(len(one.vertices) <= len(other.vertices) for one, other in calls)
+    assert back.source_hash == first.target_hash
 
 
 def test_a_correspondence_of_a_user_is_checked():

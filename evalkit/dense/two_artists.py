@@ -14,10 +14,11 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse.csgraph import dijkstra
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial import cKDTree
 
-from evalkit.deform.surface import components, edge_distance, edge_graph
+from evalkit.deform.surface import edge_distance, edge_graph
 from evalkit.dense.actors import CORRECTIVE, ICT_FILE
 from evalkit.dense.anatomy import SIDES, anatomy_of, front_of, hand_drawn_regions, scored_regions
 from evalkit.dense.characters import Character, shared_names
@@ -26,9 +27,9 @@ from evalkit.geometry import Array
 from evalkit.head import Head, load_head
 from evalkit.head.ict import ict_face, read_ict
 from evalkit.head.model import SOFT, Indices
-from evalkit.transfer.correspondence import Correspondence, correspondence_of
+from evalkit.transfer.correspondence import Correspondence, corresponding
 from evalkit.transfer.deformation_transfer import DeformationTransfer, still_vertices
-from evalkit.transfer.registration import Surface, register
+from evalkit.transfer.registration import Surface
 
 DIRECTIONS = ("ict to makehuman", "makehuman to ict")
 """Whose shapes go onto whose head."""
@@ -148,7 +149,8 @@ def _artist(head: Head, curves: dict[str, tuple[int, ...]], parts: dict[str, tup
     number = np.full(len(head.vertices), -1)
     number[soft] = np.arange(len(soft))
     vertices, triangles = head.vertices[soft], number[head.part_triangles(*SOFT)]
-    margins = _both_sides(vertices, triangles, {name: number[list(along)] for name, along in curves.items()})
+    graph = edge_graph(vertices, triangles)
+    margins = _both_sides(vertices, graph, {name: number[list(along)] for name, along in curves.items()})
     shapes = {}
     for name in parts:
         moves = np.zeros_like(head.vertices)
@@ -156,13 +158,13 @@ def _artist(head: Head, curves: dict[str, tuple[int, ...]], parts: dict[str, tup
             which, by = head.blendshapes[unit]
             moves[which] += by
         shapes[name] = moves
-    labels = _labels(head, vertices, triangles, margins)
+    labels = _labels(head, vertices, graph, margins)
     return Artist(head, soft, Surface(vertices, triangles, head.landmarks, labels, head.name), margins, shapes)
 
 
-def _both_sides(vertices: Array, triangles: Indices, curves: dict[str, Indices]) -> dict[str, Indices]:
+def _both_sides(vertices: Array, graph: csr_array, curves: dict[str, Indices]) -> dict[str, Indices]:
     """Vertices along the curves; on the right through the vertices opposite."""
-    graph, tree = edge_graph(vertices, triangles), cKDTree(vertices)
+    tree = cKDTree(vertices)
     return {
         f"{name} {side}": _path(graph, tree.query(vertices[along] * [sign, 1.0, 1.0])[1])
         for name, along in curves.items()
@@ -170,7 +172,7 @@ def _both_sides(vertices: Array, triangles: Indices, curves: dict[str, Indices])
     }
 
 
-def _path(graph: object, along: Indices) -> Indices:
+def _path(graph: csr_array, along: Indices) -> Indices:
     """The shortest way along edges through some vertices."""
     out = [int(along[0])]
     for start, end in pairwise(along):
@@ -182,20 +184,19 @@ def _path(graph: object, along: Indices) -> Indices:
     return np.array(out)
 
 
-def _labels(head: Head, vertices: Array, triangles: Indices, curves: dict[str, Indices]) -> NDArray[np.str_]:
+def _labels(head: Head, vertices: Array, graph: csr_array, curves: dict[str, Indices]) -> NDArray[np.str_]:
     """Kind of each vertex: skin, either lip, and what lies behind the margins of either lip and of the lids."""
-    graph = edge_graph(vertices, triangles)
     nose = int(np.linalg.norm(vertices - head.landmarks["nose tip"], axis=1).argmin())
     out = np.full(len(vertices), "skin", dtype="<U16")
     for lip in ("upper lip", "lower lip"):
         out[np.searchsorted(head.soft_vertices, np.intersect1d(head.regions[lip], head.soft_vertices))] = lip
 
     def behind(rim: list[Indices]) -> NDArray[np.bool_]:
-        kept = triangles[~np.isin(triangles, np.concatenate(rim)).any(axis=1)]
-        part = components(kept, len(vertices))
-        used = np.zeros(len(vertices), dtype=bool)
-        used[kept] = True
-        return np.asarray(used & (part != part[nose]))
+        kept = np.setdiff1d(np.arange(len(vertices)), np.concatenate(rim))
+        part = connected_components(graph[kept][:, kept], directed=False)[1]
+        hidden = np.zeros(len(vertices), dtype=bool)
+        hidden[kept] = part != part[np.searchsorted(kept, nose)]
+        return hidden
 
     for side in SIDES:
         out[behind([curves[f"{lid} lid {side}"] for lid in ("upper", "lower")])] = "eye socket"
@@ -234,17 +235,8 @@ def _shares(places: Array) -> Array:
 
 
 def heads_correspondence(source: Artist, target: Artist) -> Correspondence:
-    """Corresponding triangles of two heads.
-
-    The coarser head is the one that is bent, whichever is the source: its size sets the time.
-    """
+    """Corresponding triangles of two heads."""
+    # The coarser head is bent: its vertices along the margins are the landmarks.
     bent, other = sorted((source, target), key=lambda artist: len(artist.soft))
-    a, b = registered(bent, other)
-    return correspondence_of(a, b) if bent is source else correspondence_of(b, a)
-
-
-@lru_cache(maxsize=1)
-def registered(bent: Artist, other: Artist) -> tuple[Surface, Surface]:
-    """The one's surface bent onto the other's, and the other's."""
     a, b = with_curves(bent, other)
-    return replace(a, vertices=register(a, b)), b
+    return corresponding(a, b) if bent is source else corresponding(b, a)

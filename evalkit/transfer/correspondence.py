@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
-from dataclasses import dataclass
+import os
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from evalkit.errors import EvalkitError
+from evalkit.head.makehuman import cache_folder
 from evalkit.transfer.gradients import Indices
-from evalkit.transfer.registration import MINGLE, Surface, matching
+from evalkit.transfer.registration import MINGLE, Surface, matching, register
 
 CANDIDATES = 24
 """So many near triangles are tried for one that faces the same way and has a label that may be met."""
 
 FORMAT = 1
+
+MOST_KEPT = 12
+"""Files of this kind in the user's cache, the newest; under a megabyte each."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,6 +123,63 @@ def same_topology(triangles: Indices) -> Correspondence:
     """Each triangle with itself: two meshes of one topology."""
     number, known = np.arange(len(triangles)), topology_hash(triangles)
     return Correspondence(number, number, known, known)
+
+
+def corresponding(source: Surface, target: Surface) -> Correspondence:
+    """Corresponding triangles of two meshes by their landmarks; what was found before comes out of the user's cache.
+
+    The coarser mesh is the one that is bent onto the other, whichever is the source: its size sets the time.
+
+    Parameters
+    ----------
+    source, target : Surface
+
+    Returns
+    -------
+    Correspondence
+
+    Raises
+    ------
+    EvalkitError
+        As :func:`evalkit.transfer.registration.register`.
+    """
+    with contextlib.suppress(EvalkitError):
+        return read_correspondence(_kept(source, target), source.triangles, target.triangles)
+    bent, other = sorted((source, target), key=lambda one: len(one.vertices))
+    moved = replace(bent, vertices=register(bent, other))
+    there, back = correspondence_of(moved, other), correspondence_of(other, moved)
+    # One registration serves both directions.
+    _keep(there, _kept(bent, other))
+    _keep(back, _kept(other, bent))
+    return there if bent is source else back
+
+
+def _keep(found: Correspondence, path: Path) -> None:
+    """Write to the cache, if it can be written."""
+    with contextlib.suppress(EvalkitError, OSError):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        # Processes that register the same meshes at once each write a file of their own.
+        own = path.with_name(f".{os.getpid()}-{path.name}")
+        found.save(own)
+        own.replace(path)
+        for old in sorted(path.parent.glob("correspondence-*.npz"), key=lambda file: file.stat().st_mtime)[:-MOST_KEPT]:
+            old.unlink(missing_ok=True)
+
+
+def _kept(source: Surface, target: Surface) -> Path:
+    """File named by all that a correspondence follows from: both surfaces, the code, NumPy and SciPy."""
+    import scipy
+
+    digest = hashlib.sha256(f"{np.__version__} {scipy.__version__}".encode())
+    for name in ("correspondence", "registration", "gradients", "matrices", "solver"):
+        digest.update(Path(__file__).with_name(f"{name}.py").read_bytes())
+    for one in (source, target):
+        for name, place in sorted(one.landmarks.items()):
+            digest.update(f"{name} {np.asarray(place, dtype=np.float64).tolist()} ".encode())
+        labels = "" if one.labels is None else "/".join(one.labels)
+        digest.update(f"{one.vertices.shape} {topology_hash(one.triangles)} {labels} ".encode())
+        digest.update(np.ascontiguousarray(one.vertices, dtype="<f8").tobytes())
+    return cache_folder() / f"correspondence-{digest.hexdigest()[:16]}.npz"
 
 
 def correspondence_of(
