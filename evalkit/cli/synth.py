@@ -1,4 +1,4 @@
-"""``evalkit synth``: captures with their truth, and the reference set."""
+"""``evalkit synth``: captures and videos with their truth, and the reference set."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from pathlib import Path
 import click
 
 BUNDLED = "the bundled takes"
+VIDEO = "video-"
+"""How presets of filmed heads begin."""
 
 
 @click.command()
@@ -35,9 +37,13 @@ def synth(
 ) -> None:
     """Make a synthetic capture: PRESET.c3d, PRESET.truth.npz and PRESET.json with parameters and checksums.
 
+    A preset whose name begins with video- is a filmed head instead: PRESET.mp4, PRESET.truth.npz, PRESET.truth.csv,
+    PRESET.points.json (the 19 points of its first frame) and PRESET.json.
+
     \b
     Examples:
         evalkit synth talking -o takes --seed 3 --set noise=0.5 --set sway=20
+        evalkit synth video-occluded -o videos --set frames=60 --set noise=4
         evalkit synth --check
     """
     from evalkit.synthetic import parse_overrides, write_synthetic
@@ -61,7 +67,13 @@ def synth(
     else:
         assert preset is not None
         assert output is not None
-        for path in write_synthetic(preset, output, seed=seed, **parse_overrides(settings)):
+        if preset.startswith(VIDEO):
+            from evalkit.studies.filmed import parse_video_overrides, write_video
+
+            written = write_video(preset, output, seed=seed, **parse_video_overrides(settings))
+        else:
+            written = [*write_synthetic(preset, output, seed=seed, **parse_overrides(settings))]
+        for path in written:
             click.echo(f"wrote {path}")
 
 
@@ -79,6 +91,7 @@ def _check(folder: str) -> None:
 
 
 def _list() -> None:
+    from evalkit.studies.filmed import VIDEO_PRESETS, VideoParameters
     from evalkit.synthetic import PRESETS, Parameters
     from evalkit.synthetic.parameters import FIELDS, setting
 
@@ -95,3 +108,11 @@ def _list() -> None:
             field = FIELDS[name]
             unit = f" ({field.unit})" if field.unit else ""
             click.echo(f"    {name:<16}{field.text}{unit} [{setting(getattr(default, name))}]")
+    click.echo("\nfilmed heads")
+    for name, video in VIDEO_PRESETS.items():
+        click.echo(f"  {name:<16}{video.text}")
+        if changed := video.parameters.settings():
+            click.echo(f"  {'':<16}    {changed}")
+    click.echo("\nparameters of filmed heads (--set KEY=VALUE), with their defaults")
+    for name, value in vars(VideoParameters()).items():
+        click.echo(f"    {name:<16}[{setting(value)}]")

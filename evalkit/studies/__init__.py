@@ -34,6 +34,10 @@ MODULES = (
     "kernel_scale",
     "units",
     "photo_fit",
+    "head_pose",
+    "template_update",
+    "parameters",
+    "tracker_speed",
 )
 """Files of this folder that hold a ``study``, by theme; ``studies`` is the table of them, name to study, from which
 the command line and the tests take their lists. They are imported when it is first looked at."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import json
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
@@ -568,6 +569,18 @@ def write_video(preset: str, directory: str | Path, seed: int = 0, **overrides: 
     return [directory / name for name in names]
 
 
+def manifest(seed: int = 0) -> dict[str, Any]:
+    """Every preset with its parameters, seed and the checksum of its truth; no picture is drawn for it."""
+    made = []
+    for preset, entry in VIDEO_PRESETS.items():
+        truth = _shot(entry.parameters, *_acted(entry.parameters, seed), seed)[0]
+        command = f"evalkit synth {preset} -o DIR --seed {seed}"
+        made.append(
+            {**described(preset, entry.parameters, seed), "command": command, "sha256_of_truth": truth.digest()}
+        )
+    return {"videos": made}
+
+
 def described(preset: str, parameters: VideoParameters, seed: int) -> dict[str, Any]:
     """What is written about a video beside it and in the manifest."""
     return {
@@ -592,3 +605,7 @@ def _write_csv(truth: VideoTruth, path: Path) -> None:
     )  # fmt: skip
     head = "frame,time_s,nod_deg,turn_deg,tilt_deg,tx_mm,ty_mm,tz_mm,present,covered"
     np.savetxt(path, table, ["%d", *["%.6f"] * 7, "%d", "%.4f"], ",", header=head, comments="")
+
+
+if __name__ == "__main__":
+    print(json.dumps(manifest(), indent=2))
