@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from evalkit.pose import pose_estimators
     from evalkit.published import compensate_as_published
     from evalkit.synthetic import synthesize
+    from evalkit.transfer.character import transfer_character
 
 __version__ = "0.1.0"
 
@@ -38,6 +39,7 @@ _HOMES = {
     "synthesize": "evalkit.synthetic",
     "deformation_map": "evalkit.deform",
     "kernels": "evalkit.deform.kernels",
+    "transfer_character": "evalkit.transfer.character",
 }
 
 __all__ = [
@@ -56,6 +58,7 @@ __all__ = [
     "pose_estimators",
     "read_capture",
     "synthesize",
+    "transfer_character",
     "write_capture",
 ]
 

@@ -48,6 +48,9 @@ def program() -> NDArray[np.float64]:
     except evalkit.EvalkitError as error:
         print(error, words, first, status, bad, published, made, estimator, names, head.regions, head.landmarks)
         raise
+    examples = [head.vertices], [head.vertices]
+    fine = evalkit.transfer_character(head.vertices, *examples, head.vertices[None], head.triangles)
+    assert_type(fine, NDArray[np.float64])
     return head.vertices + weights @ np.zeros((len(head.marker_sites), 3))
 """
 

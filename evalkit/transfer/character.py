@@ -213,5 +213,21 @@ def transfer_character(
     EvalkitError
         If the topologies differ, a position is not finite, a triangle has no area, or there is no example; with the
         number of what is wrong.
+
+    Examples
+    --------
+    A bump that its sculptor has made half as high again, and a new rough one of half the height. (Not 0.75: rotations
+    and stretches are blended, not heights.)
+
+    >>> import numpy as np
+    >>> import evalkit
+    >>> x, y = np.meshgrid(np.arange(9.0), np.arange(9.0))
+    >>> rest = np.stack([x, y, 0 * x], axis=-1).reshape(-1, 3)
+    >>> corner = np.flatnonzero((x < 8) & (y < 8))[:, None]
+    >>> triangles = np.concatenate([corner + [0, 1, 10], corner + [0, 10, 9]])
+    >>> bump = np.exp(-((rest - rest[40]) ** 2).sum(axis=1, keepdims=True) / 4) * [0, 0, 1]
+    >>> found = evalkit.transfer_character(rest, [rest + bump], [rest + 1.5 * bump], [rest + 0.5 * bump], triangles)
+    >>> found.shape, round(float(found[0, 40, 2]), 2)
+    ((1, 81, 3), 0.74)
     """
     return CharacterTransfer(rest, rough_examples, fine_examples, triangles)(rough_new)
