@@ -1,0 +1,233 @@
+"""The cylinder tracker: head pose by registering a textured surface to every frame.
+
+After Xiao, Moriyama, Kanade & Cohn (2003), doi:10.1002/ima.10048, as Chai, Xiao & Hodgins (2003) use it: a cylinder
+from 19 points, Gauss-Newton with robust weights from coarse to fine, a template that is updated, and stored references
+against drift. Changed here: pictures are normalised by their local contrast, weights follow the local correlation (an
+occluder is found as an area), every pose is judged against the references, and a lost head is looked for.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import cv2
+import numpy as np
+
+from evalkit.geometry import Array, nearest_rotation, rotation_from_vector, rotation_vector
+from evalkit.vision.camera import Camera
+from evalkit.vision.initial import Start, start_from_points
+from evalkit.vision.points import FACE_POINTS
+from evalkit.vision.references import Reference, distance_deg, make_reference, search
+from evalkit.vision.registration import Fit, Template, View, judge, register
+from evalkit.vision.surface import Map, Surface
+from evalkit.vision.tracker import LOST, HeadPose, Picture, TrackStatus
+
+TRACKED_SCORE = 0.5
+LOST_SCORE = 0.3
+"""Scores (see :class:`evalkit.vision.registration.Fit`) from which a pose is tracked, and below which it is none."""
+
+FOUND_SCORE = 0.5
+"""A head that was lost is back when a pose reaches this."""
+
+NEAR_DEG = 20.0
+"""A reference is used up to this far from its pose."""
+
+NEW_DEG = 14.0
+NEW_SCORE = 0.65
+"""Score that a pose must have to become a reference."""
+
+MOST_REFERENCES = 40
+
+DAMPING = 0.7
+"""Share of the last motion that is expected to go on."""
+
+SOFT_WEIGHT = 0.25
+
+NEAR_ITERATIONS = (6, 0, 0)
+FAR_ITERATIONS = (5, 4, 4)
+"""Weight of the mouth and the lids, which move by themselves."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What the tracker does; everything but the defaults is there to be compared with.
+
+    Attributes
+    ----------
+    update : str
+        ``static``: the first frame is the only template. ``dynamic``: the template follows the last frame.
+        ``references``: the same, and stored references undo its drift.
+    normalised : bool
+        Local contrast normalisation.
+    robust : bool
+        Weights by agreement and robust weights.
+    recover : bool
+        Look for a lost head.
+    """
+
+    update: Literal["static", "dynamic", "references"] = "references"
+    normalised: bool = True
+    robust: bool = True
+    recover: bool = True
+
+
+class CylinderTracker:
+    """A head tracker (:class:`evalkit.vision.tracker.HeadTracker`) for one video.
+
+    Parameters
+    ----------
+    settings : Settings, optional
+    """
+
+    def __init__(self, settings: Settings | None = None) -> None:
+        self.settings = settings or Settings()
+
+    def start(self, frame: Picture, camera: Camera, points_px: Array) -> HeadPose:
+        """Begin with a frame and the 19 points in it; see :meth:`evalkit.vision.tracker.HeadTracker.start`."""
+        start = start_from_points(points_px, camera)
+        return self.start_at(frame, camera, start)
+
+    def start_at(self, frame: Picture, camera: Camera, start: Start) -> HeadPose:
+        """Begin with a frame, a pose and a surface that are known."""
+        self.camera, self.surface = camera, start.surface
+        self._rigid = _rigid_weights(start.surface, start.points_mm)
+        self._rotation, self._translation = start.rotation, start.translation
+        self._motion = np.zeros(3), np.zeros(3)
+        self._lost_for = 0
+        view = View(frame, camera)
+        first = make_reference(view, self.surface, camera, start.rotation, start.translation)
+        self.references: list[Reference] = [first]
+        self._template = first.template
+        self._last: tuple[View, Fit] | None = None
+        self._usual = 0.8
+        return HeadPose(start.rotation, start.translation, TrackStatus.TRACKED, 1.0)
+
+    def step(self, frame: Picture) -> HeadPose:
+        """Pose of the next frame."""
+        view = View(frame, self.camera)
+        turn, move = self._motion
+        fit = self._follow(view, self._rotation @ rotation_from_vector(turn), self._translation + move)
+        if fit.score < TRACKED_SCORE:
+            # Motion that stopped, or that an occluder pretended.
+            fit = max(fit, self._follow(view, self._rotation, self._translation), key=_score)
+        if fit.score < TRACKED_SCORE and self.settings.recover:
+            fit = max(fit, self._search(view), key=_score)
+        if fit.score < (FOUND_SCORE if self._lost_for else LOST_SCORE):
+            self._lost_for += 1
+            self._motion = np.zeros(3), np.zeros(3)
+            return LOST._replace(confidence=max(0.0, min(1.0, fit.score)))
+        self._keep(view, fit)
+        status = TrackStatus.TRACKED if fit.score >= TRACKED_SCORE else TrackStatus.WEAK
+        return HeadPose(fit.rotation, fit.translation, status, max(0.0, min(1.0, fit.score)))
+
+    def _near(self, rotation: Array, translation: Array) -> Reference | None:
+        """The oldest reference near a pose: it carries the least error of others."""
+        for reference in self.references:
+            if distance_deg(reference, rotation, translation) < NEAR_DEG:
+                return reference
+        return None
+
+    def _register(self, view: View, template: Template, rotation: Array, translation: Array) -> Fit:
+        """From close by on the finest level alone, where the least is blurred; from coarse to fine if that fails."""
+        settings = self.settings
+        for iterations in (NEAR_ITERATIONS, FAR_ITERATIONS):
+            fit = register(
+                view, self.surface, template, self._rigid, rotation, translation, iterations, settings.normalised,
+                settings.robust,
+            )  # fmt: skip
+            if fit.score > max(TRACKED_SCORE, self._usual - 0.12):
+                return fit
+            best = fit if iterations is NEAR_ITERATIONS else max(best, fit, key=_score)
+        return best
+
+    def _follow(self, view: View, rotation: Array, translation: Array) -> Fit:
+        """Registration against the reference that is near, or against the template of the last frame."""
+        if self.settings.update != "references":
+            return self._register(view, self._template, rotation, translation)
+        reference = self._near(rotation, translation)
+        if reference is not None:
+            fit = self._register(view, reference.template, rotation, translation)
+            if fit.score >= TRACKED_SCORE:
+                return fit
+        again = self._register(view, self._last_template(), rotation, translation)
+        return again if reference is None else max(fit, again, key=_score)
+
+    def _last_template(self) -> Template:
+        """The template with what the last frame showed, made when it is asked for."""
+        if self._last is not None:
+            view, fit = self._last
+            shown = view.template(self.surface, fit.rotation, fit.translation)
+            self._template = _updated(self._template, shown, fit.agreement)
+            self._last = None
+        return self._template
+
+    def _search(self, view: View) -> Fit:
+        """The best pose at which one of the references is found; they take turns, the first one is in every turn."""
+        others = self.references[1:]
+        tried = [self.references[0], *([others[self._lost_for % len(others)]] if others else [])]
+        fits = [
+            self._register(view, reference.template, rotation, translation)
+            for reference in tried
+            for rotation, translation in search(view, self.surface, self.camera, reference)
+        ]
+        nothing = judge(view, self.surface, self._template, self._rigid, self._rotation, self._translation)
+        return max([*fits, replace(nothing, score=-1.0)], key=_score)
+
+    def _keep(self, view: View, fit: Fit) -> None:
+        """Make a pose the one to go on from."""
+        rotation = nearest_rotation(fit.rotation)
+        if self._lost_for:
+            self._motion = np.zeros(3), np.zeros(3)
+        else:
+            self._motion = (
+                DAMPING * rotation_vector((self._rotation.T @ rotation)[None])[0],
+                DAMPING * (fit.translation - self._translation),
+            )
+        self._lost_for = 0
+        self._rotation, self._translation = rotation, fit.translation
+        self._usual += 0.1 * (fit.score - self._usual)
+        if self.settings.update == "static":
+            return
+        self._last = view, fit
+        if self.settings.update == "dynamic":
+            self._last_template()
+        elif fit.score >= NEW_SCORE and len(self.references) < MOST_REFERENCES:
+            far = min(distance_deg(reference, rotation, fit.translation) for reference in self.references)
+            if far > NEW_DEG:
+                self.references.append(make_reference(view, self.surface, self.camera, rotation, fit.translation))
+
+
+def _score(fit: Fit) -> float:
+    return fit.score
+
+
+def _updated(old: Template, shown: Template, agreement: Map) -> Template:
+    """The template with what a frame shows, where the two agree or the template knew nothing."""
+    textures, weights = [], []
+    for before, known, now, seen in zip(old.texture, old.weight, shown.texture, shown.weight, strict=True):
+        agreeing = cv2.resize(agreement, before.shape[::-1], interpolation=cv2.INTER_AREA)
+        taken = ((agreeing > 0.5) | (known < 0.1)) & (seen > 0)
+        textures.append(np.where(taken, now, before))
+        weights.append(np.where(taken, seen, known).astype(np.float32))
+    return Template(tuple(textures), tuple(weights))
+
+
+def _rigid_weights(surface: Surface, points_mm: Array) -> tuple[Map, ...]:
+    """Weight of each place by level: less about the mouth and the jaw, and about the lids."""
+    at = dict(zip(FACE_POINTS, points_mm, strict=True))
+    mouth = 0.5 * (at["mouth corner left"] + at["mouth corner right"])
+    width = float(np.linalg.norm(at["mouth corner left"] - at["mouth corner right"]))
+    weights = []
+    for grid in surface.grids:
+        x, y = grid.points[:, 0], grid.points[:, 1]
+        front = grid.points[:, 2] > 0
+        jaw = (np.abs(x - mouth[0]) < 0.75 * width) & (y < mouth[1] + 0.25 * width) & front
+        soft = jaw
+        for side in ("left", "right"):
+            inner, outer = at[f"eye inner {side}"], at[f"eye outer {side}"]
+            middle, half = 0.5 * (inner + outer), 0.5 * float(np.linalg.norm(outer - inner))
+            soft |= (np.hypot(x - middle[0], 1.6 * (y - middle[1])) < 1.2 * half) & front
+        weight = np.where(soft, SOFT_WEIGHT, 1.0).reshape(grid.shape).astype(np.float32)
+        weights.append(cv2.GaussianBlur(weight, (0, 0), 0.02 * len(weight)))
+    return tuple(weights)

@@ -1,0 +1,363 @@
+"""Registration of a textured surface to a picture: Gauss-Newton on intensity differences.
+
+With texture ``t`` and the picture unwrapped onto the surface at the current pose, ``I``, both normalised by their local
+mean and contrast, the pose minimises ``sum w (I - t)^2``. A small motion of the head moves a point P by
+``d = omega x P + v``; along the line of sight that is a slide ``d - e (n . d)/(n . e)`` in the surface (n the normal,
+e the direction of sight), so that ``I`` changes by the gradient of the texture along the slide. The gradient is the
+mean of those of ``I`` and ``t`` (Benhimane & Malis 2007, doi:10.1177/0278364907080252: second order at the price of
+the first). The weights ``w`` are the product of
+
+- visibility: the cosine of the angle between normal and line of sight, 0 outside of the picture;
+- how rigid the place is (a mouth is not);
+- agreement: the correlation of ``I`` and ``t`` in a window, which an occluder destroys over all of its area;
+- the robust weight of the single difference (Geman & McClure), by iteratively reweighted least squares.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from evalkit.geometry import Array, rotation_from_vector
+from evalkit.vision.camera import Camera
+from evalkit.vision.surface import LEVELS, Grid, Map, Surface
+from evalkit.vision.tracker import Picture
+
+GRAZING = (0.3, 0.6)
+"""Cosines between which a place turned away from the camera gains its full weight."""
+
+WINDOW = 0.18
+"""Side of the window of local contrast, of the grid's side: about the width of an eye with its brow."""
+
+LEAST_WINDOW = 5
+CONTRAST_FLOOR = 3.0
+"""Grey levels added to the local contrast: flat skin with the noise of a sensor is no texture."""
+
+AGREEMENT_WINDOW = 0.14
+AGREEMENT = (0.1, 0.6)
+"""Correlations between which a window gains its full weight."""
+
+LEAST_AGREEMENT = 0.03
+"""Weight that disagreement leaves: where all disagrees because the start is far off, something must still pull."""
+
+ROBUST = 2.0
+"""Differences of this many standard deviations count a quarter."""
+
+SPREAD = (0.1, 0.5)
+"""Bounds of the standard deviation of the differences: half of the pixels may be occluded."""
+
+
+PIXELS_PER_SPACING = 1.2
+COARSEST_PICTURE = 5
+DAMPING = 1e-4
+COARSE_DAMPING = 0.05
+OVER = 1.2
+UNITS = np.array([80.0, 80.0, 80.0, 1.0, 1.0, 1.0])
+"""A radian moves the skin by about this many mm: in these units all six parameters are of one size."""
+
+
+@dataclass(frozen=True, eq=False)
+class Template:
+    """Texture of the surface at every level, as one frame showed it.
+
+    Attributes
+    ----------
+    texture : tuple of ndarray, shape (H, W)
+        Grey levels, finest level first.
+    weight : tuple of ndarray, shape (H, W)
+        0 where the place was not seen, 1 where it was seen squarely.
+    """
+
+    texture: tuple[Map, ...]
+    weight: tuple[Map, ...]
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Where a registration ended.
+
+    Attributes
+    ----------
+    rotation, translation : ndarray
+    score : float
+        Mean correlation of picture and texture over what the texture could show, 1 where they agree wholly.
+    agreement : ndarray, shape (H, W)
+        Weight of each place of the finest level by local correlation.
+    seen : ndarray, shape (H, W)
+        The picture unwrapped, grey levels, finest level.
+    visible : ndarray, shape (H, W)
+    """
+
+    rotation: Array
+    translation: Array
+    score: float
+    agreement: Map
+    seen: Map
+    visible: Map
+
+
+class View:
+    """One frame, reduced by halves, and unwrapped on demand."""
+
+    def __init__(self, frame: Picture, camera: Camera) -> None:
+        grey = frame if frame.ndim == 2 else cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY)
+        self._levels: list[Map] = [grey.astype(np.float32)]
+        self._camera = camera
+
+    def picture(self, level: int) -> Map:
+        """The frame, halved ``level`` times."""
+        while len(self._levels) <= level:
+            self._levels.append(cv2.pyrDown(self._levels[-1]))
+        return self._levels[level]
+
+    def unwrap(self, grid: Grid, rotation: Array, translation: Array) -> tuple[Map, Map]:
+        """Grey levels (H, W) of a surface at a pose, and whether each place is inside of the picture (0 or 1)."""
+        camera = self._camera
+        placed = grid.points @ rotation.T.astype(np.float32) + translation.astype(np.float32)
+        # A pixel of the level that is read is about as wide as the grid's spacing.
+        pixels = grid.spacing_mm * camera.focal_px / max(-float(translation[2]), 1.0)
+        level = int(np.clip(round(np.log2(max(pixels, 1e-6) / PIXELS_PER_SPACING)), 0, COARSEST_PICTURE))
+        picture = self.picture(level)
+        scale = 1.0 / (1 << level)
+        nearness = np.float32(camera.focal_px * scale) / np.minimum(placed[:, 2], np.float32(-1.0))
+        u = placed[:, 0] * -nearness + np.float32((camera.centre_px[0] - 0.5) * scale)
+        v = placed[:, 1] * nearness + np.float32((camera.centre_px[1] - 0.5) * scale)
+        grey = cv2.remap(
+            picture, u.reshape(grid.shape), v.reshape(grid.shape), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+        )
+        height, width = picture.shape
+        inside = (u > 0) & (v > 0) & (u < width - 1) & (v < height - 1) & (placed[:, 2] < -1.0)
+        return grey, inside.reshape(grid.shape).astype(np.float32)
+
+    def template(self, surface: Surface, rotation: Array, translation: Array) -> Template:
+        """What this frame shows on a surface."""
+        textures, weights = [], []
+        for grid in surface.grids:
+            grey, inside = self.unwrap(grid, rotation, translation)
+            textures.append(grey)
+            weights.append(inside * facing(grid, sight_of(grid, rotation, translation)))
+        return Template(tuple(textures), tuple(weights))
+
+
+def sight_of(grid: Grid, rotation: Array, translation: Array) -> Map:
+    """Directions from the camera to each place, in the head's axes, (N, 3)."""
+    ray = grid.points + (translation @ rotation).astype(np.float32)
+    return ray / np.sqrt(np.einsum("nk,nk->n", ray, ray))[:, None]
+
+
+def facing(grid: Grid, sight: Map) -> Map:
+    """Weight of each place by the angle at which it is seen, (H, W)."""
+    cosine = -np.einsum("nk,nk->n", grid.normals, sight)
+    return np.clip((cosine - GRAZING[0]) / (GRAZING[1] - GRAZING[0]), 0.0, 1.0).reshape(grid.shape)
+
+
+class LocalContrast:
+    """Normalisation of textures within one mask: less a plane fitted around each place, over the contrast left.
+
+    A plane and not a mean, because at the rim of the mask the window is one-sided: a shadow that stands still would
+    leave a pattern there that stands still, too.
+
+    Parameters
+    ----------
+    weight : ndarray, shape (H, W)
+        Places of weight 0 do not count.
+    """
+
+    def __init__(self, weight: Map) -> None:
+        self._size = max(_odd(WINDOW * len(weight)), LEAST_WINDOW)
+        self._weight = weight
+        side = (np.arange(len(weight), dtype=np.float32) - np.float32(0.5 * len(weight))) / np.float32(self._size)
+        self._x, self._y = np.broadcast_to(side, weight.shape), np.broadcast_to(side[:, None], weight.shape)
+        x, y = self._x, self._y
+        self._wx, self._wy = weight * x, weight * y
+        m, mx, my = (_mean(values, self._size) for values in (weight, self._wx, self._wy))
+        self._mass = m + np.float32(1e-3)
+        mx, my = mx / self._mass, my / self._mass
+        xx, xy, yy = (_mean(weight * values, self._size) / self._mass for values in (x * x, x * y, y * y))
+        # Moments about the middle of what the window sees; the floor keeps a window with a sliver from a steep plane.
+        floor = np.float32(0.01)
+        xx, xy, yy = xx - mx * mx + floor, xy - mx * my, yy - my * my + floor
+        scale = 1.0 / (xx * yy - xy * xy)
+        self._mx, self._my = mx, my
+        dx, dy = x - mx, y - my
+        # The plane's value at the place itself is mean + cx * cov(x) + cy * cov(y).
+        self._cx, self._cy = (yy * dx - xy * dy) * scale, (xx * dy - xy * dx) * scale
+
+    def __call__(self, texture: Map) -> Map:
+        """Texture (H, W) normalised; 0 outside of the mask."""
+        size, mass, w = self._size, self._mass, self._weight
+        mean = _mean(w * texture, size) / mass
+        along_x = _mean(self._wx * texture, size) / mass - self._mx * mean
+        along_y = _mean(self._wy * texture, size) / mass - self._my * mean
+        rest = texture - (mean + self._cx * along_x + self._cy * along_y)
+        variance = _mean(w * rest * rest, size) / mass
+        return (rest / np.sqrt(variance + np.float32(CONTRAST_FLOOR**2))) * (w > 0)
+
+
+class Plain:
+    """Textures as they are, in units of a usual contrast: what the tracker is without :class:`LocalContrast`."""
+
+    def __init__(self, weight: Map) -> None:
+        self._seen = weight > 0
+
+    def __call__(self, texture: Map) -> Map:
+        """Texture (H, W) in units of 40 grey levels; 0 outside of the mask."""
+        return (texture - np.float32(128.0)) / np.float32(40.0) * self._seen
+
+
+def _mean(values: Map, size: int) -> Map:
+    return cv2.boxFilter(values, -1, (size, size), borderType=cv2.BORDER_CONSTANT)
+
+
+def _odd(size: float) -> int:
+    return 2 * int(size / 2) + 1
+
+
+def agreement_of(seen: Map, texture: Map, weight: Map) -> tuple[Map, Map]:
+    """Correlation of two textures in a window about each place, and how much texture there is to compare."""
+    size = _odd(AGREEMENT_WINDOW * len(texture))
+    product = _mean(weight * seen * texture, size)
+    energy = _mean(weight * texture * texture, size)
+    other = _mean(weight * seen * seen, size)
+    mass = _mean(weight, size) + np.float32(1e-3)
+    # The floor keeps windows without texture from a correlation of noise.
+    return product / np.sqrt((energy + 0.05 * mass) * (other + 0.05 * mass)), energy / mass
+
+
+def register(
+    view: View,
+    surface: Surface,
+    template: Template,
+    rigid: tuple[Map, ...],
+    rotation: Array,
+    translation: Array,
+    iterations: tuple[int, ...] = (4, 4, 4),
+    normalised: bool = True,
+    robust: bool = True,
+) -> Fit:
+    """Fit the pose of a textured surface to a picture, from a start.
+
+    Parameters
+    ----------
+    view : View
+    surface : Surface
+    template : Template
+    rigid : tuple of ndarray, shape (H, W)
+        Weight of each place, by level.
+    rotation, translation : ndarray, shape (3, 3) and (3,)
+        Start.
+    iterations : tuple of int
+        At most, by level, finest first; 0 leaves a level out.
+
+    Returns
+    -------
+    Fit
+    """
+    start = (rotation, translation)
+    for level in range(LEVELS - 1, -1, -1):
+        if not iterations[level]:
+            continue
+        grid = surface.grids[level]
+        sight = sight_of(grid, rotation, translation)
+        # One window of contrast for both, or what comes into sight at the rim would pull the middle along.
+        common = template.weight[level] * facing(grid, sight) * view.unwrap(grid, rotation, translation)[1]
+        normalise = LocalContrast(common) if normalised else Plain(common)
+        texture = normalise(template.texture[level])
+        gradient = _gradients(texture)
+        slides = _slides(grid, sight)
+        base = common * rigid[level]
+        for _ in range(iterations[level]):
+            grey, inside = view.unwrap(grid, rotation, translation)
+            seen = normalise(grey)
+            weight = base * inside
+            if robust:
+                weight = weight * _weights(seen, texture, weight)
+            step = _step(slides, seen, texture, gradient, weight, COARSE_DAMPING if level else DAMPING)
+            step *= OVER
+            rotation = rotation @ rotation_from_vector(step[:3])
+            translation = translation + rotation @ step[3:]
+            # A move of a fiftieth of a grid spacing is below what noise allows.
+            if np.abs(step * UNITS).max() < 0.02 * grid.spacing_mm:
+                break
+    return judge(view, surface, template, rigid, *_sane(start, rotation, translation), normalised)
+
+
+def judge(
+    view: View,
+    surface: Surface,
+    template: Template,
+    rigid: tuple[Map, ...],
+    rotation: Array,
+    translation: Array,
+    normalised: bool = True,
+) -> Fit:
+    """How well a picture agrees with a textured surface at a pose."""
+    grid = surface.grids[0]
+    grey, inside = view.unwrap(grid, rotation, translation)
+    visible = inside * facing(grid, sight_of(grid, rotation, translation))
+    common = template.weight[0] * visible
+    normalise = LocalContrast(common) if normalised else Plain(common)
+    seen, texture = normalise(grey), normalise(template.texture[0])
+    correlation, energy = agreement_of(seen, texture, common)
+    # Places that the template shows and the picture does not are no evidence for the pose.
+    worth = np.minimum(energy, 1.0) * template.weight[0] * rigid[0]
+    score = float((worth * visible * correlation).sum() / max(float(worth.sum()), 1e-6))
+    return Fit(rotation, translation, score, _agreeing(correlation), grey, visible)
+
+
+def _agreeing(correlation: Map) -> Map:
+    low, high = AGREEMENT
+    return np.clip((correlation - low) / (high - low), LEAST_AGREEMENT, 1.0)
+
+
+def _weights(seen: Map, texture: Map, weight: Map) -> Map:
+    agreeing = _agreeing(agreement_of(seen, texture, weight)[0])
+    difference = np.abs(seen - texture)
+    counted = difference[weight * agreeing > 0.25]
+    # The middle of a sample of them is as good.
+    counted = counted[:: max(1, counted.size // 512)]
+    spread = 1.4826 * float(np.partition(counted, counted.size // 2)[counted.size // 2]) if counted.size > 32 else 1.0
+    spread = min(max(spread, SPREAD[0]), SPREAD[1])
+    return agreeing * np.square(np.minimum(1.0, np.float32(ROBUST * spread) / (difference + np.float32(1e-6))))
+
+
+def _slides(grid: Grid, sight: Map) -> tuple[Map, Map]:
+    """How far each place's column and row move under the six small motions of the head, (6, N) each."""
+    slope = -1.0 / np.minimum(np.einsum("nk,nk->n", grid.normals, sight), np.float32(-0.05))
+    out = []
+    for along in (grid.along_row, grid.along_column):
+        pull = along + grid.normals * (np.einsum("nk,nk->n", along, sight) * slope)[:, None]
+        out.append(np.ascontiguousarray(np.hstack([np.cross(grid.points, pull), pull]).T))
+    return out[0], out[1]
+
+
+def _gradients(texture: Map) -> tuple[Map, Map]:
+    """Differences along columns and rows, smoothed across: noise in them would pass for information."""
+    return (
+        cv2.Sobel(texture, -1, 1, 0, scale=0.125, borderType=cv2.BORDER_REPLICATE),
+        cv2.Sobel(texture, -1, 0, 1, scale=0.125, borderType=cv2.BORDER_REPLICATE),
+    )
+
+
+def _step(
+    slides: tuple[Map, Map], seen: Map, texture: Map, gradient: tuple[Map, Map], weight: Map, damping: float
+) -> Array:
+    """One Gauss-Newton step: rotation vector (rad) and translation (mm) in the head's axes."""
+    across, down = _gradients(seen)
+    across, down = 0.5 * (across + gradient[0]), 0.5 * (down + gradient[1])
+    jacobian = slides[0] * across.ravel() + slides[1] * down.ravel()
+    weighted = jacobian * weight.ravel()
+    matrix = (weighted @ jacobian.T).astype(np.float64) / np.outer(UNITS, UNITS)
+    right = -(weighted @ (seen - texture).ravel()).astype(np.float64) / UNITS
+    # A little damping for what nothing shows; with no weight at all nothing moves.
+    matrix += (damping * np.trace(matrix) / 6 + 1e-9) * np.eye(6)
+    return np.linalg.solve(matrix, right) / UNITS
+
+
+def _sane(start: tuple[Array, Array], rotation: Array, translation: Array) -> tuple[Array, Array]:
+    """The start instead of a pose that is no pose."""
+    if np.isfinite(rotation).all() and np.isfinite(translation).all() and translation[2] < -50.0:
+        return rotation, translation
+    return start
