@@ -15,8 +15,8 @@ RIDGE = 1e-3
 with opposite signs."""
 
 QUIET = 1e-2
-"""A region's mean diagonal counts as at least this share of what its vertices have in the whole mesh: where rough
-examples hardly move, coefficients would say how their rounding grows into the new shape."""
+"""A region's mean diagonal counts as at least this share of what as many moving vertices have in the whole mesh: where
+rough examples hardly move, coefficients would say how their rounding grows into the new shape."""
 
 Solver = Callable[[Array, Array], Array]
 
@@ -60,14 +60,15 @@ def region_coefficients(
     solve = kinds[kind]
     count = int(regions.max()) + 1
     out = np.zeros((len(new), count, len(rough)))
-    least = QUIET * float((rough**2).sum(axis=2).mean())
+    moving = rough.any(axis=(0, 2))
+    least = QUIET * float((rough**2).sum()) / max(1, len(rough) * int(moving.sum()))
     for region in range(count):
         which = regions == region
         d = rough[:, which].reshape(len(rough), -1)
         gram = d @ d.T
         mean = np.trace(gram) / len(rough)
         if mean > 0.0:
-            gram[np.diag_indices(len(rough))] += ridge * max(mean, least * int(which.sum()))
+            gram[np.diag_indices(len(rough))] += ridge * max(mean, least * int((which & moving).sum()))
             try:
                 out[:, region] = solve(gram, new[:, which].reshape(len(new), d.shape[1]) @ d.T)
             except np.linalg.LinAlgError as error:

@@ -198,13 +198,14 @@ def blend(mappings, weights):
 def transfer(rest, triangles, rough, fine, new, regions, *, still, ridge, quiet):
     """Fine shape for one new rough shape; ``regions`` of the vertices are given."""
     weights = np.zeros((regions.max() + 1, len(rough)))
-    overall = np.mean([[d @ d for d in shape - rest] for shape in rough])
+    moving = np.array([any((shape[i] != rest[i]).any() for shape in rough) for i in range(len(rest))])
+    overall = np.mean([[d @ d for d in (shape - rest)[moving]] for shape in rough])
     for region in range(regions.max() + 1):
         members = np.flatnonzero(regions == region)
         examples = np.column_stack([(shape - rest)[members].ravel() for shape in rough])
         size = np.mean([column @ column for column in examples.T])
         if size > 0.0:
-            lam = ridge * max(size, quiet * overall * len(members))
+            lam = ridge * max(size, quiet * overall * moving[members].sum())
             weights[region] = coefficients(examples, (new - rest)[members].ravel(), lam, "ridge")
     before = [gradients(rest, shape, triangles) for shape in rough]
     after = [gradients(rest, shape, triangles) for shape in fine]
