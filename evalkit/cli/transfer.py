@@ -7,11 +7,17 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
+if TYPE_CHECKING:
+    from evalkit.render.error_maps import Column
+
 FILE = click.Path(path_type=Path)
+
+TURNED_APART_DEG = 20.0
+"""Heads that face ways further apart need a warning: landmarks put on by hand turn two upright heads by less."""
 
 
 @click.group()
@@ -66,7 +72,7 @@ def apply(
     """
     from evalkit.cli.compensate import working
     from evalkit.report import transfer as report
-    from evalkit.results import check_output, staged
+    from evalkit.results import check_output
     from evalkit.transfer.files import read_material
     from evalkit.transfer.run import transferred
 
@@ -77,26 +83,79 @@ def apply(
         material = read_material(rough, fine, rest, pairs)
         references = report.read_references(reference, material)
         eyes = report.eye_distance(names, material.rest) if names is not None else None
-    written = [*report.output_names(material), *report.FILES]
     every = (*material.rough, *material.fine, *material.new, *(shape for shape in references if shape))
     given = [material.rest.path, *(shape.mesh.path for shape in every), *filter(None, (regions, coefficients, names))]
-    report.protect_inputs(output, written, given)
+    report.protect_inputs(output, [*report.output_names(material), *report.FILES], given)
     with working("transferring"):
         outcome = transferred(material, method, regions, coefficients)
         content = report.summary(material, outcome, references, eyes)
-    pictures = not no_pictures and drawable(content["warnings"])
-    with staged(output) as stage:
+    columns = report.transfer_columns(material, outcome, references)
+    with written(output, content, [shape.name for shape in material.new], columns, up, not no_pictures) as stage:
         report.write_transferred(material, outcome, content, stage)
-        if pictures:
-            titles = [shape.name for shape in material.new]
-            columns = report.transfer_columns(material, outcome, references)
-            with progress("drawing", len(titles)) as drawn:
-                report.write_sheets(titles, columns, stage, up, drawn)
-        names_written = sorted(path.name for path in stage.iterdir())
-    click.echo(json.dumps(content, indent=2) if as_json else "\n".join(described(content, output, names_written)))
+    echo(content, output, as_json, described(content))
 
 
-def described(content: dict[str, Any], output: Path, written: Sequence[str]) -> list[str]:
+@transfer.command()
+@click.argument("shapes", nargs=-1, required=True, type=FILE, metavar="SHAPE...")
+@click.option("--source-rest", type=FILE, metavar="MESH", help="SHAPEs at rest  [default: that of a glTF SHAPE]")
+@click.option("--target-rest", required=True, type=FILE, metavar="MESH", help="The character at rest.")
+@click.option("--source-names", type=FILE, metavar="JSON", help="Its landmarks and regions  [default: beside it]")
+@click.option("--target-names", type=FILE, metavar="JSON", help="The same of the character  [default: beside it]")
+@click.option("--correspondence", type=FILE, metavar="NPZ", help="One that was written before, in place of the names.")
+@click.option("-o", "--output", required=True, type=FILE, metavar="DIR", help="Folder for the results.")
+@click.option("--up", type=click.Choice(["y", "z"]), default="y", show_default=True, help="Axis, for the pictures.")
+@click.option("--no-pictures", is_flag=True, help="Write no sheet-1.png, ...")
+@click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON instead of text.")
+def deform(
+    shapes: tuple[Path, ...], source_rest: Path | None, target_rest: Path, source_names: Path | None,
+    target_names: Path | None, correspondence: Path | None, output: Path, up: str, no_pictures: bool, as_json: bool,
+) -> None:  # fmt: skip
+    """Make rough shapes of the target from the SHAPEs of another head, by Deformation Transfer.
+
+    The two meshes may differ in topology and size; they must face the same way. The JSONs of names are those of
+    evalkit head import: landmarks that both have, and the regions "upper lip" and "lower lip", which keep a closed
+    mouth from growing together. Written into DIR: each shape as the target's file with other positions,
+    correspondence.npz for the next time, summary.json, and pictures.
+
+    \b
+    Examples:
+        evalkit transfer deform other --source-rest a.obj --target-rest b.obj -o rough
+        evalkit transfer deform more --source-rest a.obj --target-rest b.obj --correspondence kept.npz -o rough2
+    """
+    import numpy as np
+
+    from evalkit.cli.compensate import working
+    from evalkit.meshes import read_mesh_file
+    from evalkit.report import transfer as report
+    from evalkit.results import check_output
+    from evalkit.transfer.files import odd_shapes, read_source, read_surface
+    from evalkit.transfer.run import deformed, turned_apart
+
+    check_output(output)
+    with working("reading the meshes"):
+        source, found = read_source(shapes, source_rest)
+        target = read_mesh_file(target_rest)
+        if correspondence is None:
+            source_names = source_names or source.path.with_suffix(".json")
+            target_names = target_names or target.path.with_suffix(".json")
+        one, other = read_surface(source, source_names), read_surface(target, target_names)
+    inputs = [source.path, target.path, *(shape.mesh.path for shape in found)]
+    inputs += filter(None, (source_names, target_names, correspondence))
+    report.protect_inputs(output, [*(shape.name + target.path.suffix for shape in found), *report.FILES], inputs)
+    warnings = odd_shapes(source, found)
+    angle = turned_apart(one, other)
+    if angle > TURNED_APART_DEG:
+        warnings.append(f"{target.path} faces {angle:.0f} degrees away from {source.path}; turn one of them first")
+    with working("transferring"):
+        done = deformed(one, np.stack([shape.places for shape in found]), other, correspondence)
+        content = report.deformed_summary(found, source, target, done, warnings)
+    columns = report.deformed_columns(found, source, target, done)
+    with written(output, content, [shape.name for shape in found], columns, up, not no_pictures) as stage:
+        report.write_deformed(found, target, done, content, stage)
+    echo(content, output, as_json, described_deformed(content))
+
+
+def described(content: dict[str, Any]) -> list[str]:
     """The summary for people."""
     mesh, method, shapes = content["mesh"], content["method"], content["shapes"]
     loose = f", {mesh['loose_parts']} of {mesh['parts']} parts without a pin" if mesh["loose_parts"] else ""
@@ -119,27 +178,54 @@ def described(content: dict[str, Any], output: Path, written: Sequence[str]) -> 
     lines.append(f"{turned} triangles turned over in the results, {before} in the rough shapes")
     if content["coefficients_overridden"]:
         lines.append(f"{content['coefficients_overridden']} coefficients taken from the file")
-    lines += [f"warning: {text}" for text in content["warnings"]]
-    return [*lines, wrote(output, written)]
+    return lines
 
 
-def wrote(output: Path, written: Sequence[str]) -> str:
-    """What is in the folder now, in a line."""
-    shown = f"{', '.join(written[:3])}, ... ({len(written)} files)" if len(written) > 5 else ", ".join(written)
-    return f"wrote into {output}: {shown}"
+def described_deformed(content: dict[str, Any]) -> list[str]:
+    """The summary of Deformation Transfer for people."""
+    turned = sum(shape["flipped_triangles"] for shape in content["shapes"])
+    return [
+        f"deformation transfer: {len(content['shapes'])} shapes, {content['source']['vertices']} vertices to "
+        f"{content['target']['vertices']}, {content['pinned_vertices']} of them still",
+        f"{turned} triangles turned over in the results",
+    ]
 
 
-def drawable(warnings: list[str]) -> bool:
-    """Whether pictures can be drawn here; if not, a warning says why: the meshes are worth having without."""
+def echo(content: dict[str, Any], output: Path, as_json: bool, lines: Sequence[str]) -> None:
+    """Print what was done; in text also its warnings and files."""
+    if as_json:
+        click.echo(json.dumps(content, indent=2))
+        return
+    files = sorted({shape["written"] for shape in content["shapes"]})
+    shown = f"{', '.join(files[:3])}, ... ({len(files)} meshes)" if len(files) > 3 else ", ".join(files)
+    warnings = [f"warning: {text}" for text in content["warnings"]]
+    click.echo("\n".join([*lines, *warnings, f"wrote into {output}: {shown}, summary.json"]))
+
+
+@contextmanager
+def written(
+    output: Path, content: dict[str, Any], names: Sequence[str], columns: Sequence[Column], up: str, pictures: bool
+) -> Iterator[Path]:
+    """A folder to write into, to which pictures are added; all of it appears together, or nothing.
+
+    Where nothing can be drawn a warning says why: the meshes are worth having without.
+    """
     from evalkit.errors import EvalkitError
     from evalkit.render.offscreen import require_offscreen
+    from evalkit.report.transfer import write_sheets
+    from evalkit.results import staged
 
-    try:
-        require_offscreen()
-    except EvalkitError as error:
-        warnings.append(str(error))
-        return False
-    return True
+    if pictures:
+        try:
+            require_offscreen()
+        except EvalkitError as error:
+            content["warnings"].append(str(error))
+            pictures = False
+    with staged(output) as stage:
+        yield stage
+        if pictures:
+            with progress("drawing", len(names)) as drawn:
+                write_sheets(names, columns, stage, up, drawn)
 
 
 @contextmanager

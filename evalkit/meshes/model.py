@@ -155,6 +155,21 @@ def welded(stack: Array) -> tuple[Indices, Indices]:
     return first[order], rank[of]
 
 
+def seams_welded(vertices: Array, triangles: Indices) -> tuple[Indices, Indices]:
+    """The same for one shape alone: only vertices on open edges, since lips and lids may lie on each other at rest.
+
+    Parameters
+    ----------
+    vertices : ndarray, shape (V, 3)
+    triangles : ndarray of int, shape (T, 3)
+    """
+    sides = np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    edges, times = np.unique(sides, axis=0, return_counts=True)
+    own = np.arange(1, len(vertices) + 1, dtype=np.float64)
+    own[edges[times == 1].ravel()] = 0.0
+    return welded(np.stack([vertices, np.repeat(own[:, None], 3, axis=1)]))
+
+
 def vertex_normals(vertices: Array, triangles: Indices) -> Array:
     """Unit normals (V, 3), the mean over the triangles around weighted by their areas; +z where there are none."""
     a, b, c = (vertices[triangles[:, k]] for k in range(3))

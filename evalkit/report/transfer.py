@@ -15,20 +15,21 @@ import scipy
 from evalkit import __version__
 from evalkit.errors import EvalkitError
 from evalkit.geometry import Array
-from evalkit.head.importing import read_names, with_names
 from evalkit.head.mesh import components
 from evalkit.meshes.model import Mesh, check_same_faces
-from evalkit.render.error_maps import Column, error_columns, sheets
+from evalkit.render.error_maps import Column, Part, error_columns, sheets
 from evalkit.results import write_json
 from evalkit.transfer.character import CharacterTransfer
-from evalkit.transfer.files import Material, Shape, read_shapes, write_coefficients, write_regions
+from evalkit.transfer.files import Material, Shape, read_shapes, read_surface, write_coefficients, write_regions
 from evalkit.transfer.gradients import flipped
-from evalkit.transfer.run import CHARACTER_TRANSFER, Outcome
+from evalkit.transfer.run import CHARACTER_TRANSFER, Deformed, Outcome
 
 INNER_CORNERS = ("eye inner left", "eye inner right")
 
-FILES = ("summary.json", "regions.json", "coefficients.csv")
-"""Beside the meshes and the pictures ``sheet-1.png``, ..."""
+CORRESPONDENCE = "correspondence.npz"
+
+FILES = ("summary.json", "regions.json", "coefficients.csv", CORRESPONDENCE)
+"""What may be written beside the meshes and the pictures ``sheet-1.png``, ..."""
 
 
 def output_names(material: Material) -> dict[str, Mesh]:
@@ -88,8 +89,7 @@ def eye_distance(names: Path, rest: Mesh) -> float:
     EvalkitError
         If the file cannot be read or lacks one of the two.
     """
-    facts = read_names(names)
-    places = with_names(names, rest.vertices, rest.triangles(), {**facts, "unit_mm": 1.0}).landmarks
+    places = read_surface(rest, names).landmarks
     missing = [name for name in INNER_CORNERS if name not in places]
     if missing:
         raise EvalkitError(f"{names}: the landmark '{missing[0]}' is missing")
@@ -150,7 +150,7 @@ def summary(
         "coefficients": _coefficients(material, outcome),
         "coefficients_overridden": outcome.overridden,
         "warnings": list(material.warnings),
-        "versions": {"python": platform.python_version(), "numpy": np.__version__, "scipy": scipy.__version__},
+        "versions": _versions(),
     }  # fmt: skip
 
 
@@ -188,6 +188,10 @@ def _errors(result: Array, rough: Array, goal: Shape | None, eye_distance: float
     return out
 
 
+def _versions() -> dict[str, str]:
+    return {"python": platform.python_version(), "numpy": np.__version__, "scipy": scipy.__version__}
+
+
 def _sha256(path: Path) -> str:
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
@@ -221,6 +225,54 @@ def transfer_columns(material: Material, outcome: Outcome, references: Sequence[
         material.rest.vertices[material.kept], material.stacked(material.new), outcome.shapes, faces,
         goals or [None] * len(material.new),
     )  # fmt: skip
+
+
+def deformed_summary(
+    shapes: Sequence[Shape], source: Mesh, target: Mesh, done: Deformed, warnings: Sequence[str]
+) -> dict[str, Any]:
+    """What a machine may want to know of shapes that Deformation Transfer has made."""
+    triangles = target.triangles()
+    turned = flipped(target.vertices, done.shapes, triangles).sum(axis=1)
+    return {
+        "evalkit": __version__,
+        "method": {"name": "deformation transfer", "triangle_pairs": len(done.correspondence.source)},
+        **{
+            name: {
+                "file": mesh.path.as_posix(), "sha256": _sha256(mesh.path), "vertices": len(mesh.vertices),
+                "faces": len(mesh.sizes),
+            }
+            for name, mesh in (("source", source), ("target", target))
+        },
+        "pinned_vertices": int(done.pinned.sum()),
+        "shapes": [
+            {
+                "name": shape.name, **_source(shape), "written": shape.name + target.path.suffix,
+                "flipped_triangles": int(turned[k]),
+            }
+            for k, shape in enumerate(shapes)
+        ],
+        "warnings": list(warnings),
+        "versions": _versions(),
+    }  # fmt: skip
+
+
+def write_deformed(
+    shapes: Sequence[Shape], target: Mesh, done: Deformed, content: Mapping[str, Any], folder: Path
+) -> None:
+    """Write a mesh for each shape, correspondence.npz and summary.json."""
+    for shape, places in zip(shapes, done.shapes, strict=True):
+        (folder / (shape.name + target.path.suffix)).write_bytes(target.rewritten(places, {}))
+    done.correspondence.save(folder / CORRESPONDENCE)
+    write_json(dict(content), folder / "summary.json")
+
+
+def deformed_columns(shapes: Sequence[Shape], source: Mesh, target: Mesh, done: Deformed) -> list[Column]:
+    """Pictures of the source's shapes and of what was made of them."""
+    given = np.stack([shape.places for shape in shapes])
+    return [
+        Column(title, [*places], mesh.triangles(), Part.moving(mesh.vertices, places))
+        for title, mesh, places in (("source", source, given), ("result", target, done.shapes))
+    ]
 
 
 def write_sheets(

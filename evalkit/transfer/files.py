@@ -13,10 +13,12 @@ from numpy.typing import NDArray
 
 from evalkit.errors import EvalkitError
 from evalkit.geometry import Array, nearest_rotation, rotation_angle
+from evalkit.head.importing import read_names, with_names
 from evalkit.meshes import formats, read_mesh_file
 from evalkit.meshes.model import Mesh, check_same_faces, welded
 from evalkit.transfer.gradients import Indices, checked_mesh, mesh_size
 from evalkit.transfer.methods import Examples
+from evalkit.transfer.registration import Surface
 
 ODD_SIZE = 2.0
 """A shape so many times larger or smaller than the rest mesh is in another unit: no expression makes a face twice as
@@ -28,6 +30,9 @@ rotation by less; see ``tests/test_transfer_cli.py``."""
 
 REST_OF_MESH = "rest of the mesh"
 """Region of the vertices that a user's file names in none."""
+
+SKIN = ("face", "neck", "hindbrain", REST_OF_MESH)
+"""Regions that one surface of skin runs through."""
 
 COEFFICIENT_COLUMNS = ("shape", "region", "example", "weight")
 
@@ -113,13 +118,7 @@ def read_material(
         transfer.
     """
     coarse = read_shapes(rough, skip=rest)
-    if rest is None:
-        bases = [shape.mesh for shape in coarse.values() if shape.mesh.targets]
-        if not bases:
-            raise EvalkitError("no rest mesh; name it with --rest")
-        neutral = bases[0]
-    else:
-        neutral = read_mesh_file(rest)
+    neutral = _rest_of(coarse, rest)
     sculpted = read_shapes(fine, skip=rest)
     for one, other in pairs:
         (shape,), (sculpt,) = read_shapes([one]).values(), read_shapes([other]).values()
@@ -182,6 +181,54 @@ def read_shapes(sources: Iterable[Path], skip: Path | None = None) -> dict[str, 
                     raise EvalkitError(f"{out[name]} and {shape} have the same name; rename one or leave it out")
                 out[name] = shape
     return out
+
+
+def read_source(sources: Sequence[Path], rest: Path | None = None) -> tuple[Mesh, list[Shape]]:
+    """Rest mesh and shapes of another head; arguments as for :func:`read_material`.
+
+    Raises
+    ------
+    EvalkitError
+        If a file cannot be read or topologies differ.
+    """
+    shapes = read_shapes(sources, skip=rest)
+    neutral = _rest_of(shapes, rest)
+    for shape in shapes.values():
+        check_same_faces(neutral, shape.mesh)
+    return neutral, list(shapes.values())
+
+
+def _rest_of(shapes: Mapping[str, Shape], rest: Path | None) -> Mesh:
+    if rest is not None:
+        return read_mesh_file(rest)
+    bases = [shape.mesh for shape in shapes.values() if shape.mesh.targets]
+    if not bases:
+        raise EvalkitError("no rest mesh is named, and no glTF file with morph targets brings one; name it")
+    return bases[0]
+
+
+def read_surface(mesh: Mesh, names: Path | None) -> Surface:
+    """A mesh with the landmarks and regions of a JSON of names, if any, in the unit of the mesh's file.
+
+    The form is that of ``evalkit head import``; regions that it names there as parts of the skin count as such.
+
+    Raises
+    ------
+    EvalkitError
+        If the file cannot be read or names what is not there.
+    """
+    triangles = mesh.triangles()
+    if names is None:
+        return Surface(mesh.vertices, triangles, name=str(mesh.path))
+    facts = read_names(names)
+    landmarks = with_names(names, mesh.vertices, triangles, {"landmarks": facts["landmarks"]}).landmarks
+    labels = None
+    if facts.get("regions"):
+        labels = np.full(len(mesh.vertices), "skin", dtype=object)
+        for region, which in read_regions(names, len(mesh.vertices)).items():
+            labels[which] = "skin" if region in SKIN else region
+        labels = labels.astype(np.str_)
+    return Surface(mesh.vertices, triangles, landmarks, labels, str(mesh.path))
 
 
 def odd_shapes(rest: Mesh, shapes: Sequence[Shape]) -> list[str]:

@@ -1,20 +1,24 @@
-"""Character Transfer over what files hold, with the regions and coefficients that a user overrides."""
+"""Character Transfer and Deformation Transfer over what files hold."""
 
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from evalkit.errors import EvalkitError
-from evalkit.geometry import Array
+from evalkit.geometry import Array, nearest_rotation, rotation_angle
+from evalkit.meshes.model import seams_welded
 from evalkit.transfer.character import CharacterTransfer
+from evalkit.transfer.correspondence import Correspondence, correspondence_of, read_correspondence
+from evalkit.transfer.deformation_transfer import DeformationTransfer, still_vertices
 from evalkit.transfer.files import Material, override_coefficients, read_regions
-from evalkit.transfer.gradients import Indices
+from evalkit.transfer.gradients import Indices, checked_mesh
 from evalkit.transfer.methods import methods
+from evalkit.transfer.registration import Surface, register
 from evalkit.transfer.segmentation import LEVELS
 
 CHARACTER_TRANSFER = "character transfer"
@@ -110,3 +114,73 @@ def _drawn(material: Material, path: Path | None) -> tuple[NDArray[np.intp] | No
         drawn[which] = k
     # A region may be gone whose every vertex lies on a vertex of another.
     return drawn, [list(given)[k] for k in np.unique(drawn[material.kept])]
+
+
+@dataclass(frozen=True, eq=False)
+class Deformed:
+    """Shapes of another mesh.
+
+    Attributes
+    ----------
+    shapes : ndarray, shape (N, V, 3)
+        Of the target's file.
+    correspondence : Correspondence
+        Of the two meshes' triangles, seams welded.
+    pinned : ndarray of bool, shape (V,)
+        Vertices that no shape moves.
+    """
+
+    shapes: Array
+    correspondence: Correspondence
+    pinned: NDArray[np.bool_]
+
+
+def deformed(source: Surface, shapes: Array, target: Surface, kept: Path | None = None) -> Deformed:
+    """Shapes of the source for the target, by Deformation Transfer.
+
+    Parameters
+    ----------
+    source, target : Surface
+        At rest, with landmarks of the same names.
+    shapes : ndarray, shape (N, V, 3)
+        Of the source.
+    kept : Path, optional
+        A correspondence that was saved; landmarks are not needed then.
+
+    Raises
+    ------
+    EvalkitError
+        If a mesh is broken, landmarks do not suffice or the correspondence is for other meshes.
+    """
+    for surface in (source, target):
+        checked_mesh(surface.vertices, surface.triangles, surface.name)
+    (one, first, _), (other, _, of) = (_welded(surface) for surface in (source, target))
+    if kept is None:
+        correspondence = correspondence_of(replace(one, vertices=register(one, other)), other)
+    else:
+        correspondence = read_correspondence(kept, one.triangles, other.triangles)
+    given = shapes[:, first]
+    still = still_vertices(one.vertices, one.triangles, given, other.triangles, correspondence)
+    # Vertices beyond those of the triangles move with nothing.
+    pinned = np.ones(len(other.vertices), dtype=bool)
+    pinned[: len(still)] = still
+    transfer = DeformationTransfer(
+        one.vertices, one.triangles, other.vertices, other.triangles, correspondence, pinned
+    )  # fmt: skip
+    return Deformed(transfer.transfer(given)[:, of], correspondence, pinned[of])
+
+
+def _welded(surface: Surface) -> tuple[Surface, Indices, Indices]:
+    kept, of = seams_welded(surface.vertices, surface.triangles)
+    labels = None if surface.labels is None else surface.labels[kept]
+    whole = replace(surface, vertices=surface.vertices[kept], triangles=of[surface.triangles], labels=labels)
+    return whole, kept, of
+
+
+def turned_apart(source: Surface, target: Surface) -> float:
+    """Degrees between the ways in which two meshes face, by the landmarks that both have; 0 without three."""
+    names = sorted(set(source.landmarks) & set(target.landmarks))
+    if len(names) < 3:
+        return 0.0
+    a, b = (np.array([surface.landmarks[name] for name in names]) for surface in (source, target))
+    return float(np.degrees(rotation_angle(nearest_rotation((b - b.mean(axis=0)).T @ (a - a.mean(axis=0))))))
