@@ -4,6 +4,7 @@ noise of the sensor, a real encoder.
 
 from __future__ import annotations
 
+import subprocess
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -137,37 +138,40 @@ def write_h264(frames: Sequence[Image], path: Path, rate_hz: float, crf: int) ->
     EvalkitError
         If the encoder fails.
     """
-    import imageio_ffmpeg
-
     height, width = frames[0].shape[:2]
-    try:
-        writer = imageio_ffmpeg.write_frames(
-            str(path), (width, height), fps=rate_hz, codec="libx264", pix_fmt_out="yuv420p", quality=None,
-            macro_block_size=2, ffmpeg_log_level="error",
-            # One thread: how frames are shared among threads changes what is kept of them.
-            output_params=["-crf", str(crf), "-preset", "veryfast", "-threads", "1", "-movflags", "+faststart"],
-        )  # fmt: skip
-        writer.send(None)
-        for frame in frames:
-            writer.send(np.ascontiguousarray(frame))
-        writer.close()
-    except OSError as error:
-        raise EvalkitError(f"{path}: the video cannot be written ({str(error).strip().splitlines()[-1]})") from error
+    raw = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", f"{rate_hz:g}", "-i", "-"]
+    # One thread: how frames are shared among threads changes what is kept of them.
+    coded = ["-c:v", "libx264", "-pix_fmt", "yuv420p", "-crf", str(crf), "-preset", "veryfast", "-threads", "1"]
+    _ffmpeg([*raw, *coded, "-movflags", "+faststart", str(path)], b"".join(frame.tobytes() for frame in frames), path)
 
 
 def compressed(frames: Sequence[Image], rate_hz: float, crf: int) -> Image:
-    """Pictures (F, H, W, 3) after an encoder and its decoder; as they are where the factor is 0."""
+    """Pictures (F, H, W, 3) after an encoder and its decoder; as they are where the factor is 0.
+
+    Raises
+    ------
+    EvalkitError
+        If the encoder fails.
+    """
     if not crf:
         return np.stack(list(frames))
-    import imageio_ffmpeg
-
-    height, width = frames[0].shape[:2]
     with tempfile.TemporaryDirectory(prefix="evalkit-video-") as folder:
         path = Path(folder) / "video.mp4"
         write_h264(frames, path, rate_hz, crf)
-        reader = imageio_ffmpeg.read_frames(str(path))
-        next(reader)
-        found = [np.frombuffer(frame, dtype=np.uint8).reshape(height, width, 3) for frame in reader]
+        back = _ffmpeg(["-i", str(path), "-f", "rawvideo", "-pix_fmt", "rgb24", "-"], b"", path)
+    found = np.frombuffer(back, dtype=np.uint8).reshape(-1, *frames[0].shape)
     if len(found) != len(frames):
         raise EvalkitError(f"{len(found)} of {len(frames)} frames came back from the encoder")
-    return np.stack(found)
+    return found
+
+
+def _ffmpeg(arguments: Sequence[str], given: bytes, path: Path) -> bytes:
+    """What FFmpeg, as imageio-ffmpeg brings it, writes to its output."""
+    import imageio_ffmpeg
+
+    command = [imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", "-y", *arguments]
+    done = subprocess.run(command, input=given, capture_output=True, check=False)
+    if done.returncode:
+        words = done.stderr.decode(errors="replace").strip().splitlines() or ["no reason given"]
+        raise EvalkitError(f"{path}: the video cannot be written ({words[-1]})")
+    return done.stdout
