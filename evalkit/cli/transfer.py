@@ -32,13 +32,14 @@ def transfer() -> None:
 @click.option(
     "--example", "pairs", nargs=2, multiple=True, type=FILE, metavar="ROUGH FINE", help="A pair of different names."
 )
+@click.option("--fine-suffix", metavar="TEXT", help="ROUGH has the fine shapes, too: those named NAME and TEXT.")
 @click.option("-o", "--output", required=True, type=FILE, metavar="DIR", help="Folder for the results.")
 @click.option(
     "--method",
     default="character transfer",
     show_default=True,
     metavar="NAME",
-    help="Or a baseline; an unknown name is told them all.",
+    help="Or another; an unknown name lists all.",
 )
 @click.option("--regions", type=FILE, metavar="JSON", help="Regions, as an edited regions.json.")
 @click.option("--coefficients", type=FILE, metavar="CSV", help="Coefficients, as rows of an edited coefficients.csv.")
@@ -53,8 +54,8 @@ def transfer() -> None:
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON instead of text.")
 def apply(
     rough: tuple[Path, ...], rest: Path | None, fine: tuple[Path, ...], pairs: tuple[tuple[Path, Path], ...],
-    output: Path, method: str, regions: Path | None, coefficients: Path | None, reference: tuple[Path, ...],
-    names: Path | None, up: str, no_pictures: bool, as_json: bool,
+    fine_suffix: str | None, output: Path, method: str, regions: Path | None, coefficients: Path | None,
+    reference: tuple[Path, ...], names: Path | None, up: str, no_pictures: bool, as_json: bool,
 ) -> None:  # fmt: skip
     """Make fine shapes of the rough ones that have none, from those that have.
 
@@ -66,7 +67,7 @@ def apply(
     \b
     Examples:
         evalkit transfer apply rough --fine fine --rest rest.obj -o out
-        evalkit transfer apply rough.glb --fine fine.glb -o out
+        evalkit transfer apply face.glb --fine-suffix .fine -o out
         evalkit transfer apply rough/frown.obj --rest rest.obj --example rough/smile.obj grin.obj -o out
         evalkit transfer apply rough --fine fine --rest rest.obj --regions mine.json --reference sculpts -o out
     """
@@ -76,11 +77,11 @@ def apply(
     from evalkit.transfer.files import read_material
     from evalkit.transfer.run import transferred
 
-    if not fine and not pairs:
-        raise click.UsageError("give sculpted examples: --fine DIR, or --example ROUGH FINE")
+    if not (fine or pairs or fine_suffix):
+        raise click.UsageError("give sculpted examples: --fine DIR, --example ROUGH FINE, or --fine-suffix TEXT")
     check_output(output)
     with working("reading the meshes"):
-        material = read_material(rough, fine, rest, pairs)
+        material = read_material(rough, fine, rest, pairs, fine_suffix)
         references = report.read_references(reference, material)
         eyes = report.eye_distance(names, material.rest) if names is not None else None
     every = (*material.rough, *material.fine, *material.new, *(shape for shape in references if shape))

@@ -97,7 +97,11 @@ class Material:
 
 
 def read_material(
-    rough: Sequence[Path], fine: Sequence[Path], rest: Path | None = None, pairs: Sequence[tuple[Path, Path]] = ()
+    rough: Sequence[Path],
+    fine: Sequence[Path],
+    rest: Path | None = None,
+    pairs: Sequence[tuple[Path, Path]] = (),
+    suffix: str | None = None,
 ) -> Material:
     """Examples and new shapes by their names.
 
@@ -110,6 +114,8 @@ def read_material(
         The rest mesh; by default that of a rough glTF file with morph targets.
     pairs : sequence of (Path, Path)
         Further examples, rough and fine, whose files have different names.
+    suffix : str, optional
+        Shapes among the rough ones whose name ends with it are the fine shapes of the name without it.
 
     Raises
     ------
@@ -120,6 +126,11 @@ def read_material(
     coarse = read_shapes(rough, skip=rest)
     neutral = _rest_of(coarse, rest)
     sculpted = read_shapes(fine, skip=rest)
+    for name in [name for name in coarse if suffix and name.endswith(suffix)]:
+        shape, bare = coarse.pop(name), name.removesuffix(suffix or "")
+        if bare in sculpted:
+            raise EvalkitError(f"{sculpted[bare]} and {shape} are both the fine shape of '{bare}'")
+        sculpted[bare] = shape
     for one, other in pairs:
         (shape,), (sculpt,) = read_shapes([one]).values(), read_shapes([other]).values()
         known = coarse.get(shape.name)
