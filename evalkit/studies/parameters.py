@@ -47,12 +47,13 @@ def conditions(axes: Mapping[str, tuple[Scalar, ...]]) -> Iterator[Condition]:
     """All combinations of the heads that are here."""
     for head in heads_here("parameters", axes["head"]):
         for motion in axes["motion"]:
-            yield {"head": head, "motion": motion}
+            for rate in axes["rate_hz"]:
+                yield {"head": head, "motion": motion, "rate_hz": rate}
 
 
-def prepare(seed: int, head: str, motion: str) -> FilmedHead:
-    """The video of a cell."""
-    return film(VideoParameters(head=head, **MOTION[motion]), seed)
+def prepare(seed: int, head: str, motion: str, rate_hz: float) -> FilmedHead:
+    """The video of a cell, three seconds long."""
+    return film(VideoParameters(head=head, rate_hz=rate_hz, frames=round(3.0 * rate_hz), **MOTION[motion]), seed)
 
 
 def run(data: FilmedHead, method: str) -> tuple[Array, Array]:
@@ -130,7 +131,7 @@ study = Study(
     name="parameters",
     question=QUESTION,
     finding=FINDING,
-    axes={"head": ("photo", "makehuman-photo"), "motion": tuple(MOTION)},
+    axes={"head": ("photo", "makehuman-photo"), "motion": tuple(MOTION), "rate_hz": (30.0,)},
     methods=tuple(DEPTHS),
     prepare=prepare,
     run=run,
@@ -154,7 +155,9 @@ study = Study(
     statistics=STATISTICS,
     full=Budget(seeds=3),
     small=Budget(
-        seeds=1, axes={"head": ("template-small",), "motion": ("turn", "jaw")}, methods=("tracked", TRUE_POSE)
+        seeds=1,
+        axes={"head": ("template-small",), "motion": ("turn", "jaw"), "rate_hz": (10.0,)},
+        methods=("tracked", TRUE_POSE),
     ),
     conditions=conditions,
 )
