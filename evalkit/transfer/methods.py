@@ -13,6 +13,7 @@ from evalkit.geometry import Array
 from evalkit.transfer.character import CharacterTransfer
 from evalkit.transfer.coefficients import region_coefficients
 from evalkit.transfer.gradients import Indices
+from evalkit.transfer.local import LocalRegression
 from evalkit.transfer.rigging import example_based_rig
 from evalkit.transfer.segmentation import segment, vertex_regions
 
@@ -86,6 +87,11 @@ def rigging(examples: Examples, new: Array) -> Array:
     return example_based_rig(examples.rest, examples.triangles, examples.rough, examples.fine, new)
 
 
+def local_regression(examples: Examples, new: Array) -> Array:
+    """Our variant: local gains and differences regressed on local motion."""
+    return LocalRegression(examples.rest, examples.triangles, examples.rough, examples.fine)(new)
+
+
 def _paper(examples: Examples, **options: Any) -> CharacterTransfer:
     return CharacterTransfer(examples.rest, examples.rough, examples.fine, examples.triangles, **options)
 
@@ -99,4 +105,5 @@ methods: dict[str, Method] = {
     "hand-drawn regions": hand_drawn_regions,
     "example-based rigging": rigging,
     "character transfer": character_transfer,
+    "local regression": local_regression,
 }
