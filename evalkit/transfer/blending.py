@@ -18,7 +18,8 @@ class RotationStretch:
     """Mappings ``Q = R S`` by their logarithms: ``Q(w) = exp(sum w_k log R_k) exp(sum w_k log S_k)``.
 
     For one example the rotation is the paper's spherical interpolation from the identity. The determinant is positive
-    for any coefficients.
+    for any coefficients. Rotations and stretches go no further than the strongest example of each triangle has them:
+    what lies beyond would grow exponentially, and where lids fold, one example may stretch a triangle by hundreds.
 
     Attributes
     ----------
@@ -39,22 +40,40 @@ class RotationStretch:
         A mapping with a negative determinant, of an example in which a triangle has turned over, has no such logarithm:
         the negative stretch counts as its size.
         """
-        rotation, stretch = polar(mappings)
-        logs = log_positive(stretch)
-        # No eigenvalue is larger than three times the largest entry: all that are squeezed too far are among these.
-        bad = ~(np.abs(logs).max(axis=(0, 1)) < -np.log(LEAST_STRETCH) / 3.0)
-        if bad.any():
-            values, vectors = np.linalg.eigh(stretch[:, :, bad].transpose(2, 0, 1))
-            values = np.log(np.maximum(np.abs(values), LEAST_STRETCH))
-            logs[:, :, bad] = (vectors * values[:, None] @ vectors.transpose(0, 2, 1)).transpose(1, 2, 0)
-        parts = [log_rotation(rotation), logs[[0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]]
-        return cls(np.ascontiguousarray(np.concatenate(parts).transpose(1, 0, 2)))
+        # One example at a time: what it needs stays in the processor's cache.
+        return cls(np.stack([_logarithms(mappings[:, :, k]) for k in range(mappings.shape[2])]))
 
     def blended(self, weights: Array) -> Array:
         """Mappings (3, 3, N, T) for coefficients (N, M, T)."""
         log = _combined(weights, self.logs)
+        _limited(log[:3], self.logs[:, :3], np.ones(3))
+        _limited(log[3:], self.logs[:, 3:], TWICE_OFF_DIAGONAL)
         symmetric = log[3:][[0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(3, 3, *log.shape[1:])
         return product(exp_rotation(log[:3]), exp_symmetric(symmetric))
+
+
+TWICE_OFF_DIAGONAL = np.array([1.0, 2.0, 2.0, 1.0, 2.0, 1.0])
+"""Entries of the upper triangle of a symmetric matrix as they count in its Frobenius norm."""
+
+
+def _limited(log: Array, examples: Array, metric: Array) -> None:
+    """Scale logarithms (K, N, T) down, in place, to the norm of the largest of the examples (M, K, T)."""
+    most = np.sqrt(np.einsum("mkt,mkt,k->mt", examples, examples, metric).max(axis=0))
+    length = np.sqrt(np.einsum("knt,knt,k->nt", log, log, metric))
+    log *= np.minimum(1.0, most / np.where(length > 0.0, length, 1.0))
+
+
+def _logarithms(mappings: Array) -> Array:
+    """Rotation vectors and the upper triangle of log S (9, T) of mappings (3, 3, T)."""
+    rotation, stretch = polar(mappings)
+    logs = log_positive(stretch)
+    # No eigenvalue is larger than three times the largest entry: all that are squeezed too far are among these.
+    bad = ~(np.abs(logs).max(axis=(0, 1)) < -np.log(LEAST_STRETCH) / 3.0)
+    if bad.any():
+        values, vectors = np.linalg.eigh(stretch[:, :, bad].transpose(2, 0, 1))
+        values = np.log(np.maximum(np.abs(values), LEAST_STRETCH))
+        logs[:, :, bad] = (vectors * values[:, None] @ vectors.transpose(0, 2, 1)).transpose(1, 2, 0)
+    return np.concatenate([log_rotation(rotation), logs[[0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]])
 
 
 @dataclass(frozen=True, eq=False)

@@ -30,6 +30,9 @@ OVERLAP = 0.8
 GAIN_PRIOR = 0.1
 """Weight of the gain of the whole face against that of a window, over the typical energy of the examples."""
 
+WHOLE_PRIOR = 3.0
+"""The gain of the whole face is held to one as if by so many more examples that nobody changed."""
+
 FLOOR = 1e-3
 """Motion in a window with less energy, over the typical energy, is not like anything."""
 
@@ -185,7 +188,7 @@ class LocalRegression:
 
     def _gained(self, x: Array, y: Array) -> tuple[Array, Array]:
         """Gain (V, 1) of every vertex, and what it leaves of the examples (M, V, 3)."""
-        prior = float((x**2).sum()) / len(x)
+        prior = WHOLE_PRIOR * float((x**2).sum()) / len(x)
         both, own = (x * y).sum(axis=(0, 2)), (x**2).sum(axis=(0, 2))
         whole = (both.sum() + prior) / (own.sum() + prior) if prior > 0.0 else 1.0
         hold = GAIN_PRIOR * self._typical
@@ -201,7 +204,8 @@ class LocalRegression:
         cosine = gram / (size[:, :, None] * size[:, None])
         like = np.exp((cross / (size[:, :, None] * new[:, None]) - 1.0) / kernel.tau)
         matrix = np.exp((cosine - 1.0) / kernel.tau) + kernel.ridge * np.eye(gram.shape[1])
-        return np.asarray(np.linalg.solve(matrix, like) * new[:, None] / size[:, :, None])
+        # Not the floored size: what does not move must stay.
+        return np.asarray(np.linalg.solve(matrix, like) * np.sqrt(own)[:, None] / size[:, :, None])
 
     def _left_out(self, count: int) -> Array:
         """Squared error of every kernel when each of the first examples, with its mirror image, is left out in turn.

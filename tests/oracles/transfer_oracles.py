@@ -184,11 +184,15 @@ def simplex(system, right):
 
 def blend(mappings, weights):
     """Q(w) of one triangle: mappings (M, 3, 3) with positive determinants, weights (M,)."""
-    turn, stretch = np.zeros(3), np.zeros((3, 3))
+    turn, stretch, most_turn, most_stretch = np.zeros(3), np.zeros((3, 3)), 0.0, 0.0
     for q, w in zip(mappings, weights, strict=True):
         r, s = polar(q)
-        turn += w * Rotation.from_matrix(r).as_rotvec()
-        stretch += w * scipy.linalg.logm(s)
+        vector, log = Rotation.from_matrix(r).as_rotvec(), scipy.linalg.logm(s)
+        most_turn, most_stretch = max(most_turn, np.linalg.norm(vector)), max(most_stretch, np.linalg.norm(log))
+        turn, stretch = turn + w * vector, stretch + w * log
+    # No further than the strongest example.
+    turn *= min(1.0, most_turn / max(np.linalg.norm(turn), 1e-300))
+    stretch *= min(1.0, most_stretch / max(np.linalg.norm(stretch), 1e-300))
     return Rotation.from_rotvec(turn).as_matrix() @ scipy.linalg.expm(stretch)
 
 
