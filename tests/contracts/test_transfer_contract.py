@@ -17,15 +17,11 @@ EXACT = 1e-9
 """Of the mesh's size: sixteen digits, less four for the condition number of a Laplacian of a few hundred vertices, less
 three to spare."""
 
-ITERATED = 1e-3
-"""The same for a method that alternates until it is near enough, and whose inner solver stops at 1e-10 of its start:
-what it promises is to be near."""
+ITERATED = 1e-6
+"""The same for a method whose inner solver stops when its gradient is 1e-10 of its start, ten rounds in a row; measured
+2e-8."""
 
 TOLERANCE = {"example-based rigging": ITERATED}
-
-CHANGES_ANYWAY = {"example-based rigging": 0.05}
-"""Largest change, over the largest new displacement, of a method whose own smoothing is at work also when the examples
-ask for nothing. Every other method must change nothing."""
 
 
 def examples_of(made, **changes):
@@ -44,11 +40,7 @@ def near(found, expected, name, size):
 
 def no_change_in_the_examples_is_no_change(method, name):
     found = method(examples_of(FACE, fine=FACE.rough), FACE.new)
-    allowed = CHANGES_ANYWAY.get(name)
-    if allowed is None:
-        near(found, FACE.new, name, FACE.size)
-    else:
-        assert np.abs(found - FACE.new).max() < allowed * np.abs(FACE.new - FACE.rest).max()
+    near(found, FACE.new, name, FACE.size)
 
 
 def rest_in_is_rest_out(method, name):
@@ -177,5 +169,5 @@ def test_contract(name, check):
 
 
 def test_exceptions_are_of_methods_that_exist():
-    for table in (TOLERANCE, CHANGES_ANYWAY, TOGETHER, SCALES):
+    for table in (TOLERANCE, TOGETHER, SCALES):
         assert set(table) <= set(methods)
