@@ -38,6 +38,16 @@ MODULES = (
     "template_update",
     "parameters",
     "tracker_speed",
+    "transfer_methods",
+    "two_artists",
+    "training_size",
+    "region_count",
+    "blend_kinds",
+    "coefficient_kinds",
+    "unlike_expressions",
+    "transfer_animation",
+    "left_or_right_mapping",
+    "example_choice",
 )
 """Files of this folder that hold a ``study``, by theme; ``studies`` is the table of them, name to study, from which
 the command line and the tests take their lists. They are imported when it is first looked at."""

@@ -1,0 +1,79 @@
+"""Into how many regions the face is split.
+
+Question: how many regions should have coefficients of their own?
+
+Finding: to be measured.
+
+Command: ``evalkit study run region-count --budget full``.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from evalkit.geometry import Array
+from evalkit.studies.takes import told
+from evalkit.studies.transfers import (
+    COLUMNS,
+    ROUGH,
+    STATISTICS,
+    Task,
+    acted_by,
+    own_training,
+    score_shapes,
+    where_present,
+)
+from evalkit.study.command import script
+from evalkit.study.description import Budget, Study
+from evalkit.transfer.character import CharacterTransfer
+from evalkit.transfer.methods import position_deltas
+
+
+class Split(NamedTuple):
+    """A task, and how many times the face is split in two."""
+
+    task: Task
+    levels: int
+
+
+def prepare(seed: int, character: str, regions: int) -> Split:
+    """The character's own four examples; the number of regions is a power of two."""
+    return Split(own_training(acted_by(character, seed), seed), int(regions).bit_length() - 1)
+
+
+def run(data: Split, method: str) -> Array:
+    """A method with so many regions."""
+    task, levels = data
+    if method == ROUGH:
+        return task.rough
+    if method == "position deltas":
+        return position_deltas(levels)(task.examples, task.rough)
+    known = task.examples
+    return CharacterTransfer(known.rest, known.rough, known.fine, known.triangles, regions=levels)(task.rough)
+
+
+def score(data: Split, found: Array) -> dict[str, object]:
+    """Errors against the sculpt."""
+    return score_shapes(data.task, found)
+
+
+QUESTION, FINDING = told(__doc__)
+
+study = Study(
+    name="region-count",
+    question=QUESTION,
+    finding=FINDING,
+    axes={"character": ("template", "makehuman identity"), "regions": (1, 2, 4, 8, 16, 32)},
+    methods=(ROUGH, "position deltas", "character transfer"),
+    prepare=prepare,
+    run=run,
+    score=score,
+    columns=COLUMNS,
+    statistics=STATISTICS,
+    full=Budget(seeds=3),
+    small=Budget(seeds=1, axes={"character": ("template",), "regions": (1, 16)}),
+    applies=where_present(ROUGH),
+)
+
+if __name__ == "__main__":
+    script(study)

@@ -1,0 +1,64 @@
+"""Expressions that are like none of the examples, as in the paper's Fig. 8.
+
+Question: what happens to expressions that no example is like?
+
+Finding: to be measured.
+
+Command: ``evalkit study run unlike-expressions --budget full``.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from evalkit.studies.takes import told
+from evalkit.studies.transfers import (
+    COLUMNS,
+    DEFORMATION_TRANSFER,
+    ROUGH,
+    STATISTICS,
+    Task,
+    acted_by,
+    own_training,
+    run_method,
+    score_shapes,
+    where_present,
+)
+from evalkit.study.command import script
+from evalkit.study.description import Budget, Expected, Study
+
+UNLIKE, OTHERS = "unlike", "others"
+
+
+def prepare(seed: int, character: str, expressions: str) -> Task:
+    """The character's own four examples, and either what is unlike them or all others."""
+    task = own_training(acted_by(character, seed), seed)
+    unlike = task.one.rows(task.one.unlike)
+    return Task(task.one, task.training, unlike if expressions == UNLIKE else np.setdiff1d(task.new, unlike))
+
+
+QUESTION, FINDING = told(__doc__)
+
+study = Study(
+    name="unlike-expressions",
+    question=QUESTION,
+    finding=FINDING,
+    axes={
+        "character": ("template", "muzzle", "makehuman identity", "ict to makehuman"),
+        "expressions": (UNLIKE, OTHERS),
+    },
+    methods=(ROUGH, "gain", "position deltas", "hand-drawn regions", "character transfer", "local regression"),
+    prepare=prepare,
+    run=run_method,
+    score=score_shapes,
+    columns=COLUMNS,
+    statistics=STATISTICS,
+    full=Budget(seeds=3),
+    small=Budget(seeds=1, axes={"character": ("template",)}, methods=(ROUGH, "position deltas", "character transfer")),
+    applies=where_present(ROUGH),
+    # In the paper "some of the features were correctly modified": the least is to be no worse than no method.
+    expected=(Expected(DEFORMATION_TRANSFER, "character transfer", 1.0, where={"expressions": UNLIKE}),),
+)
+
+if __name__ == "__main__":
+    script(study)
