@@ -25,6 +25,8 @@ class RotationStretch:
     ----------
     logs : ndarray, shape (M, 9, T)
         Rotation vectors, then the upper triangle of log S row by row.
+    most : ndarray, shape (2, T)
+        Largest angle, and largest norm of log S, of the examples.
 
     References
     ----------
@@ -32,6 +34,7 @@ class RotationStretch:
     """
 
     logs: Array
+    most: Array
 
     @classmethod
     def of(cls, mappings: Array) -> RotationStretch:
@@ -41,26 +44,26 @@ class RotationStretch:
         the negative stretch counts as its size.
         """
         # One example at a time: what it needs stays in the processor's cache.
-        return cls(np.stack([_logarithms(mappings[:, :, k]) for k in range(mappings.shape[2])]))
+        logs = np.stack([_logarithms(mappings[:, :, k]) for k in range(mappings.shape[2])])
+        return cls(logs, np.stack([_norm(part).max(axis=0) for part in (logs[:, :3], logs[:, 3:])]))
 
     def blended(self, weights: Array) -> Array:
         """Mappings (3, 3, N, T) for coefficients (N, M, T)."""
         log = _combined(weights, self.logs)
-        _limited(log[:3], self.logs[:, :3], np.ones(3))
-        _limited(log[3:], self.logs[:, 3:], TWICE_OFF_DIAGONAL)
+        for part, most in zip((log[:3], log[3:]), self.most, strict=True):
+            length = _norm(part.swapaxes(0, 1))
+            part *= np.minimum(1.0, most / np.where(length > 0.0, length, 1.0))
         symmetric = log[3:][[0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(3, 3, *log.shape[1:])
         return product(exp_rotation(log[:3]), exp_symmetric(symmetric))
 
 
-TWICE_OFF_DIAGONAL = np.array([1.0, 2.0, 2.0, 1.0, 2.0, 1.0])
-"""Entries of the upper triangle of a symmetric matrix as they count in its Frobenius norm."""
-
-
-def _limited(log: Array, examples: Array, metric: Array) -> None:
-    """Scale logarithms (K, N, T) down, in place, to the norm of the largest of the examples (M, K, T)."""
-    most = np.sqrt(np.einsum("mkt,mkt,k->mt", examples, examples, metric).max(axis=0))
-    length = np.sqrt(np.einsum("knt,knt,k->nt", log, log, metric))
-    log *= np.minimum(1.0, most / np.where(length > 0.0, length, 1.0))
+def _norm(log: Array) -> Array:
+    """Norms of vectors (..., 3, T), or of symmetric matrices by their upper triangles (..., 6, T)."""
+    out = np.einsum("...kt,...kt->...t", log, log)
+    if log.shape[-2] == 6:
+        off = log[..., [1, 2, 4], :]
+        out += np.einsum("...kt,...kt->...t", off, off)
+    return np.asarray(np.sqrt(out))
 
 
 def _logarithms(mappings: Array) -> Array:

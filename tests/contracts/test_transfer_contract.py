@@ -146,8 +146,8 @@ def bears_a_part_without_a_pin(method, name):
         near(found, new[:, count:], name, both.size)
 
 
-SCALES = {"gain"}
-"""Methods that change every displacement by one number, so that of a part, too."""
+SCALES = {"gain", "local regression"}
+"""Methods with a gain: what an example leaves as it is moves a little less or more, too."""
 
 CHECKS = [
     no_change_in_the_examples_is_no_change,
@@ -171,3 +171,36 @@ def test_contract(name, check):
 def test_exceptions_are_of_methods_that_exist():
     for table in (TOLERANCE, TOGETHER, SCALES):
         assert set(table) <= set(methods)
+
+
+# Controls: methods that are wrong in one way, and the check that must notice.
+
+
+def _spoiling(examples, new):
+    new -= new.mean(axis=1, keepdims=True)
+    return new.copy()
+
+
+def _drifting():
+    random = np.random.default_rng(0)
+    return lambda examples, new: new + 1e-12 * random.random()
+
+
+BROKEN = [
+    (lambda e, new: e.rest + 1.01 * (new - e.rest), no_change_in_the_examples_is_no_change),
+    (lambda e, new: new + 1e-3, rest_in_is_rest_out),
+    (lambda e, new: new + 1e-3 * np.sign(new), knows_neither_the_unit_nor_the_place_nor_the_axes),
+    (_drifting(), twice_gives_the_same_bits),
+    (_spoiling, leaves_its_input_alone),
+    (lambda e, new: new + 0.01 * (new.mean(axis=0) - new), many_are_one_after_the_other),
+    (lambda e, new: new * np.float64(np.ptp(e.fine, axis=0).any() or np.nan), bears_a_single_example),
+    (lambda e, new: new + (e.rest.mean(axis=0) - e.rest[-1]), bears_vertices_without_triangles),
+    (lambda e, new: e.rest + 0.9 * (new - e.rest), bears_a_part_without_a_pin),
+]
+
+
+@pytest.mark.parametrize("which", range(len(BROKEN)), ids=[check.__name__ for _, check in BROKEN])
+def test_control_a_broken_method_does_not_get_through(which):
+    method, check = BROKEN[which]
+    with pytest.raises((AssertionError, ValueError)):
+        check(method, "broken")
