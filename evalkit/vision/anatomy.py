@@ -26,7 +26,7 @@ class Kind(NamedTuple):
     spread_affine : float
         Standard deviation of the entries of the affine matrix; 0 for a patch that keeps its form.
     middle_mm : (float, float)
-        Middle of the weights, to the person's left and up from the point.
+        Middle of the weights, away from the nose and up from the point.
     width_mm : (float, float)
         Standard deviation of the weights.
     """
@@ -40,10 +40,12 @@ class Kind(NamedTuple):
 
 KINDS = {
     "brow": Kind("brows", (2.5, 4.0), 0.1, (0.0, 0.0), (7.0, 7.0)),
-    "eye": Kind("corners", (1.0, 1.0), 0.0, (0.0, 0.0), (5.0, 5.0)),
-    # Only the skin beside the slit belongs to a lid: what lies in the slit stays when the lid goes.
+    # Of corners and lids, only the skin outside of the slit counts: what lies in it turns with the gaze, and stays when
+    # a lid goes.
+    "eye inner": Kind("corners", (1.0, 1.0), 0.0, (-2.5, 0.0), (4.0, 5.0)),
+    "eye outer": Kind("corners", (1.0, 1.0), 0.0, (2.5, 0.0), (4.0, 5.0)),
     "upper lid": Kind("upper lids", (0.2, 8.0), 0.0, (0.0, 2.0), (5.0, 3.0)),
-    "lower lid": Kind("lower lids", (0.2, 4.0), 0.0, (0.0, -2.0), (5.0, 3.0)),
+    "lower lid": Kind("lower lids", (0.2, 4.0), 0.0, (0.0, -4.0), (6.0, 3.0)),
     "nose": Kind("nose", (2.0, 2.0), 0.1, (0.0, 0.0), (5.0, 5.0)),
     "upper lip": Kind("mouth", (4.0, 4.0), 0.05, (0.0, 0.0), (6.0, 5.0)),
     "lower lip": Kind("mouth", (4.0, 14.0), 0.05, (0.0, 0.0), (6.0, 5.0)),
@@ -72,6 +74,9 @@ POINT_KINDS = [_kind(name) for name in FACE_POINTS]
 
 SPREAD_MM = np.array([kind.spread_mm for kind in POINT_KINDS])
 """Shape (19, 2)."""
+
+UPRIGHT = np.array([kind.family.endswith("lids") for kind in POINT_KINDS])
+"""Points that go up and down only, shape (19,): their patches are not asked where they are sideways."""
 
 SKULL = np.array([kind.family == "corners" for kind in POINT_KINDS])
 """Points that do not move on the skull, shape (19,)."""

@@ -57,8 +57,12 @@ what the spreads of anatomy are weighed against."""
 SPEED_MM = 5.0
 """Spread of a point's way from one frame to the next."""
 
-RECOGNISED = 0.55
+RECOGNISED = 0.45
 """Correlation under which a patch is not the point that was searched for."""
+
+SHUT_MM = 3.0
+SHUT_TRUST = 0.3
+"""Gap under which the upper lid speaks for the lower one, and how much of its confidence that is worth."""
 
 AGREES = 0.92
 """Correlation from which a reference says all there is; under it the patch is worth a reference of its own."""
@@ -76,7 +80,7 @@ PATIENCE = 5
 """Frames between new references of a point, which would be all alike in one quick movement, and for which it must have
 been in sight without a gap."""
 
-GRAZING = (0.2, 0.55)
+GRAZING = (0.1, 0.55)
 """Cosines between skin and view from which and to which a point counts."""
 
 
@@ -299,10 +303,16 @@ class FeatureTracker:
         """Take places over where the point was recognised, learn references, and answer."""
         inside = (np.abs(place - self._home) <= _REACH_PX).all(axis=1)
         known = (agreement > RECOGNISED) & inside & (shown > 0)
-        # Closed lids meet; they do not pass each other.
+        confidence = np.clip((agreement - RECOGNISED) / (1 - RECOGNISED), 0.0, 1.0)
         for upper, lower in LIDS:
-            if place[upper, 1] > place[lower, 1]:
+            gap = place[lower, 1] - place[upper, 1]
+            if gap < 0:
+                # Closed lids meet; they do not pass each other.
                 place[[upper, lower], 1] = place[[upper, lower], 1].mean()
+            if known[upper] and inside[lower] and gap < SHUT_MM / PIXEL_MM:
+                # The lashes of a closed lid cover the edge of the lower one, which then is where it usually is.
+                known[lower] = True
+                confidence[lower] = max(confidence[lower], SHUT_TRUST * confidence[upper])
         self._place = np.where(inside[:, None], place, self._home)
         self._matrix[~known] = np.eye(2)
         generation = self._references.generation[_POINTS, self._chosen]
@@ -310,8 +320,7 @@ class FeatureTracker:
         if self._grows and pose.status == TrackStatus.TRACKED:
             self._learn(seen, half, known & (shown == 1), agreement, generation)
         self._read_off(agreement * known, pose)
-        confidence = np.clip((agreement - RECOGNISED) / (1 - RECOGNISED), 0.0, 1.0) * 0.9**generation
-        confidence *= shown * pose.confidence
+        confidence *= 0.9**generation * shown * pose.confidence
         return np.where(known[:, None], self._face, np.nan), np.where(known, confidence, 0.0)
 
     def _read_off(self, weight: Array, pose: HeadPose) -> None:

@@ -112,7 +112,7 @@ class FrontalView:
         grey = frame if frame.ndim == 2 else cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY)
         camera = self.camera
         # Of a larger picture every pixel of the view would read one pixel in many: noise and jagged edges.
-        shrink = max(int(-camera.focal_px / pose.translation[2] * PIXEL_MM / 1.5), 1)
+        shrink = max(round(-camera.focal_px / pose.translation[2] * PIXEL_MM / 1.25), 1)
         if shrink > 1:
             grey = cv2.resize(grey, None, fx=1 / shrink, fy=1 / shrink, interpolation=cv2.INTER_AREA)
         rotation = pose.rotation.astype(np.float32)
@@ -171,8 +171,8 @@ class FrontalView:
         sight = _sight(wanted, self.camera) @ pose.rotation
         eye = -pose.translation @ pose.rotation
         depth = np.full(len(wanted), float(self.depth_mm.mean()))
-        # The surface is flat over the way that a place still has to go: a few rounds reach a thousandth of a mm.
-        for _ in range(12):
+        # Half the way each time: on skin that slopes as much as the line of sight, whole steps would go to and fro.
+        for _ in range(30):
             place = eye + (depth - eye[2])[:, None] / sight[:, 2:] * sight
             depth = 0.5 * (depth + self.lifted(place[:, :2])[:, 2])
         return place[:, :2]

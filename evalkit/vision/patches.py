@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evalkit.geometry import Array
-from evalkit.vision.anatomy import POINT_KINDS
+from evalkit.vision.anatomy import POINT_KINDS, UPRIGHT
 from evalkit.vision.frontal import PIXEL_MM, Map
 from evalkit.vision.points import FACE_POINTS
 
@@ -33,8 +33,9 @@ def _weights(half: int, scale: float) -> Map:
     """Weights of the pixels of every patch, (19, side²), with sum 1; rows go down."""
     steps = scale * np.arange(-half, half + 1)
     rows = []
-    for kind in POINT_KINDS:
-        x = np.exp(-0.5 * ((steps - kind.middle_mm[0]) / kind.width_mm[0]) ** 2)
+    for name, kind in zip(FACE_POINTS, POINT_KINDS, strict=True):
+        outward = kind.middle_mm[0] if name.endswith("left") else -kind.middle_mm[0]
+        x = np.exp(-0.5 * ((steps - outward) / kind.width_mm[0]) ** 2)
         y = np.exp(-0.5 * ((-steps - kind.middle_mm[1]) / kind.width_mm[1]) ** 2)
         rows.append(np.outer(y, x).ravel())
     out = np.array(rows)
@@ -111,6 +112,7 @@ class References:
         # What a change of brightness or contrast would do is taken out: both are normalised away in every frame.
         images = images - np.matmul(images, weight[:, :, None])
         images = images - np.matmul(images, (weight * texture)[:, :, None]) * texture[:, None]
+        images[UPRIGHT[points], 0] = 0.0
         descent = weight[:, None] * images
         hessian = np.matmul(descent, images.transpose(0, 2, 1)).astype(np.float64)
         cross = hessian[:, :2, 2:]
