@@ -156,6 +156,29 @@ def deform(
     echo(content, output, as_json, described_deformed(content))
 
 
+@transfer.command()
+@click.argument("rough", nargs=-1, required=True, type=FILE, metavar="ROUGH...")
+@click.option("--rest", type=FILE, metavar="MESH", help="The character at rest  [default: that of a glTF ROUGH]")
+@click.option("-k", "count", default=4, show_default=True, type=click.IntRange(1), help="So many examples.")
+@click.option("--json", "as_json", is_flag=True, help="Print the names as a JSON list.")
+def choose(rough: tuple[Path, ...], rest: Path | None, count: int, as_json: bool) -> None:
+    """Say which of the ROUGH expressions an artist should sculpt, the most useful first.
+
+    \b
+    Example:
+        evalkit transfer choose rough --rest rest.obj -k 3
+    """
+    from evalkit.cli.compensate import working
+    from evalkit.transfer.files import read_source
+    from evalkit.transfer.run import chosen
+
+    with working("reading the meshes"):
+        neutral, shapes = read_source(rough, rest)
+    with working("choosing"):
+        names = [shape.name for shape in chosen(neutral, shapes, count)]
+    click.echo(json.dumps(names, indent=2) if as_json else "\n".join(names))
+
+
 def described(content: dict[str, Any]) -> list[str]:
     """The summary for people."""
     mesh, method, shapes = content["mesh"], content["method"], content["shapes"]

@@ -203,7 +203,7 @@ def write_transferred(material: Material, outcome: Outcome, content: Mapping[str
     A glTF file with morph targets comes back with the results and the fine examples in place of the rough targets.
     """
     results = dict(zip((shape.name for shape in material.new), outcome.shapes[:, material.of], strict=True))
-    fine = {shape.name: shape.places for shape in material.fine}
+    fine = {rough.name: shape.places for rough, shape in zip(material.rough, material.fine, strict=True)}
     for name, mesh in output_names(material).items():
         own = {target: results.get(target, fine.get(target)) for target in mesh.targets}
         places = mesh.vertices if own else results[Path(name).stem]

@@ -1,8 +1,9 @@
-"""Character Transfer and Deformation Transfer over what files hold."""
+"""The methods over what files hold."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -11,11 +12,12 @@ from numpy.typing import NDArray
 
 from evalkit.errors import EvalkitError
 from evalkit.geometry import Array, nearest_rotation, rotation_angle
-from evalkit.meshes.model import seams_welded
+from evalkit.meshes.model import Mesh, seams_welded, welded
 from evalkit.transfer.character import CharacterTransfer
+from evalkit.transfer.choosing import choose_examples
 from evalkit.transfer.correspondence import Correspondence, correspondence_of, read_correspondence
 from evalkit.transfer.deformation_transfer import DeformationTransfer, still_vertices
-from evalkit.transfer.files import Material, override_coefficients, read_regions
+from evalkit.transfer.files import Material, Shape, override_coefficients, read_regions
 from evalkit.transfer.gradients import Indices, checked_mesh
 from evalkit.transfer.methods import methods
 from evalkit.transfer.registration import Surface, register
@@ -184,3 +186,18 @@ def turned_apart(source: Surface, target: Surface) -> float:
         return 0.0
     a, b = (np.array([surface.landmarks[name] for name in names]) for surface in (source, target))
     return float(np.degrees(rotation_angle(nearest_rotation((b - b.mean(axis=0)).T @ (a - a.mean(axis=0))))))
+
+
+def chosen(rest: Mesh, shapes: Sequence[Shape], count: int) -> list[Shape]:
+    """Rough shapes that an artist should sculpt, most useful first.
+
+    Raises
+    ------
+    EvalkitError
+        If the mesh or a shape cannot be used, or there are fewer shapes than asked for.
+    """
+    triangles, places = rest.triangles(), np.stack([shape.places for shape in shapes])
+    checked_mesh(rest.vertices, triangles, str(rest.path))
+    kept, of = welded(np.concatenate([rest.vertices[None], places]))
+    order = choose_examples(rest.vertices[kept], places[:, kept], of[triangles], count)
+    return [shapes[k] for k in order]
