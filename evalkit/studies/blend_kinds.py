@@ -103,7 +103,7 @@ def run(data: Amplified, method: str) -> Blended:
 def score(data: Amplified, found: Blended) -> dict[str, Any]:
     """Errors where there is a truth, and triangles that are turned over."""
     one, fine = data.task.one, data.task.fine
-    turned = flipped(one.rest, found.shapes, one.triangles) & ~flipped(one.rest, fine, one.triangles)
+    turned = flipped(one.rest, found.shapes, one.triangles) & ~data.task.folded
     errors = errors_by_part(one, found.shapes - fine, data.task.rough - fine)
     moves = np.linalg.norm(found.shapes - one.rest, axis=2).max()
     return {

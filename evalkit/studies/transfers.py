@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -73,6 +73,11 @@ class Task:
     def fine(self) -> Array:
         """The sculptor's (N, V, 3), mm."""
         return self.one.fine[self.new]
+
+    @cached_property
+    def folded(self) -> NDArray[np.bool_]:
+        """Triangles (N, T) that the sculptor turned over."""
+        return flipped(self.one.rest, self.fine, self.one.triangles)
 
 
 def drawn_labels(one: Character) -> NDArray[np.intp]:
@@ -158,7 +163,7 @@ def over(value: float | None, reference: float | None) -> float | None:
 def score_shapes(task: Task, found: Array) -> dict[str, Any]:
     """Errors against the sculptor's shapes; the columns of :data:`COLUMNS`."""
     one, fine, rough = task.one, task.fine, task.rough
-    turned = flipped(one.rest, found, one.triangles) & ~flipped(one.rest, fine, one.triangles)
+    turned = flipped(one.rest, found, one.triangles) & ~task.folded
     return {**errors_by_part(one, found - fine, rough - fine), "flipped": float(turned.sum(axis=1).mean())}
 
 
