@@ -42,8 +42,8 @@ KINDS = {
     "brow": Kind("brows", (2.5, 4.0), 0.1, (0.0, 0.0), (7.0, 7.0)),
     # Of corners and lids, only the skin outside of the slit counts: what lies in it turns with the gaze, and stays when
     # a lid goes.
-    "eye inner": Kind("corners", (1.0, 1.0), 0.0, (-2.5, 0.0), (4.0, 5.0)),
-    "eye outer": Kind("corners", (1.0, 1.0), 0.0, (2.5, 0.0), (4.0, 5.0)),
+    "eye inner": Kind("corners", (0.5, 0.5), 0.0, (-2.5, 0.0), (4.0, 5.0)),
+    "eye outer": Kind("corners", (0.5, 0.5), 0.0, (2.5, 0.0), (4.0, 5.0)),
     "upper lid": Kind("upper lids", (0.2, 8.0), 0.0, (0.0, 2.0), (5.0, 3.0)),
     "lower lid": Kind("lower lids", (0.2, 4.0), 0.0, (0.0, -4.0), (6.0, 3.0)),
     "nose": Kind("nose", (2.0, 2.0), 0.1, (0.0, 0.0), (5.0, 5.0)),
@@ -55,7 +55,7 @@ KINDS = {
 and go up and down only, a jaw opens by 40, corners of the mouth go 15 mm in any direction, corners of the eyes stay
 (Ekman & Friesen 1978; ICT-FaceKit's shapes)."""
 
-TOGETHER = {"brows": 0.6, "corners": 0.5, "upper lids": 0.7, "lower lids": 0.5, "nose": 0.3, "mouth": 0.2}
+TOGETHER = {"brows": 0.6, "corners": 0.0, "upper lids": 0.7, "lower lids": 0.5, "nose": 0.3, "mouth": 0.2}
 """Family -> correlation of the ways of its points, mirrored between the sides."""
 
 MIDDLE_TOGETHER = 0.8

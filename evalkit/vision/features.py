@@ -61,8 +61,10 @@ RECOGNISED = 0.45
 """Correlation under which a patch is not the point that was searched for."""
 
 SHUT_MM = 3.0
-SHUT_TRUST = 0.3
-"""Gap under which the upper lid speaks for the lower one, and how much of its confidence that is worth."""
+"""Gap under which the upper lid speaks for the lower one."""
+
+INFERRED = 0.3
+"""Confidence of a point that others speak for, as a share of theirs."""
 
 AGREES = 0.92
 """Correlation from which a reference says all there is; under it the patch is worth a reference of its own."""
@@ -302,7 +304,8 @@ class FeatureTracker:
     ) -> tuple[Array, Array]:
         """Take places over where the point was recognised, learn references, and answer."""
         inside = (np.abs(place - self._home) <= _REACH_PX).all(axis=1)
-        known = (agreement > RECOGNISED) & inside & (shown > 0)
+        recognised = (agreement > RECOGNISED) & inside & (shown > 0)
+        known = recognised.copy()
         confidence = np.clip((agreement - RECOGNISED) / (1 - RECOGNISED), 0.0, 1.0)
         for upper, lower in LIDS:
             gap = place[lower, 1] - place[upper, 1]
@@ -312,18 +315,23 @@ class FeatureTracker:
             if known[upper] and inside[lower] and gap < SHUT_MM / PIXEL_MM:
                 # The lashes of a closed lid cover the edge of the lower one, which then is where it usually is.
                 known[lower] = True
-                confidence[lower] = max(confidence[lower], SHUT_TRUST * confidence[upper])
+                confidence[lower] = max(confidence[lower], INFERRED * confidence[upper])
+        if recognised.mean() > 0.5:
+            # Corners of the eyes do not move on the skull: most of the face says where they are.
+            hidden = SKULL & inside & ~recognised
+            known |= hidden
+            confidence[hidden] = INFERRED * np.median(confidence[recognised])
         self._place = np.where(inside[:, None], place, self._home)
-        self._matrix[~known] = np.eye(2)
+        self._matrix[~recognised] = np.eye(2)
         generation = self._references.generation[_POINTS, self._chosen]
-        self._references.use(_POINTS[known], self._chosen[known], self._clock)
+        self._references.use(_POINTS[recognised], self._chosen[recognised], self._clock)
         if self._grows and pose.status == TrackStatus.TRACKED:
-            self._learn(seen, half, known & (shown == 1), agreement, generation)
-        self._read_off(agreement * known, pose)
+            self._learn(seen, half, recognised & (shown == 1), agreement, generation)
+        self._read_off(agreement * recognised, known, pose)
         confidence *= 0.9**generation * shown * pose.confidence
         return np.where(known[:, None], self._face, np.nan), np.where(known, confidence, 0.0)
 
-    def _read_off(self, weight: Array, pose: HeadPose) -> None:
+    def _read_off(self, weight: Array, known: NDArray[np.bool_], pose: HeadPose) -> None:
         """Where the points are in the head: on their lines of sight, at their own depths, not on the view's surface.
 
         A corner of the mouth far on the side that turns away would gain 3 mm of way from 1 mm of the surface.
@@ -332,9 +340,8 @@ class FeatureTracker:
         slopes = _slopes(surface, pose)
         assumed = surface[:, :2] + (self._height - surface[:, 2])[:, None] * slopes
         self.slopes = slopes - self._first
-        self.points_px = np.where(
-            (weight > 0)[:, None], self._camera.project(surface @ pose.rotation.T + pose.translation), np.nan
-        )
+        pixels = self._camera.project(surface @ pose.rotation.T + pose.translation)
+        self.points_px = np.where(known[:, None], pixels, np.nan)
         if self._depth == "learnt":
             self._learnt.learn(slopes, assumed, weight * (pose.status == TrackStatus.TRACKED))
             self.offset_mm = self._learnt.offset_mm
