@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from evalkit.errors import EvalkitError
 from evalkit.geometry import Array
-from evalkit.transfer.character import CharacterTransfer
+from evalkit.transfer.character import CharacterTransfer, checked_examples
 from evalkit.transfer.coefficients import region_coefficients
 from evalkit.transfer.gradients import Indices
 from evalkit.transfer.local import LocalRegression
@@ -30,6 +31,11 @@ class Examples:
         Examples: rough shapes, and what a sculptor made of each.
     hand_drawn : ndarray of int, shape (V,), optional
         Region of each vertex as a user has drawn it.
+
+    Raises
+    ------
+    EvalkitError
+        If they do not fit together, or cannot be used; as :class:`~evalkit.transfer.character.CharacterTransfer` says.
     """
 
     rest: Array
@@ -37,6 +43,9 @@ class Examples:
     rough: Array
     fine: Array
     hand_drawn: NDArray[np.intp] | None = None
+
+    def __post_init__(self) -> None:
+        checked_examples(self.rest, self.rough, self.fine, self.triangles)
 
 
 Method = Callable[[Examples, Array], Array]
@@ -73,7 +82,8 @@ def one_region(examples: Examples, new: Array) -> Array:
 
 def hand_drawn_regions(examples: Examples, new: Array) -> Array:
     """Character Transfer with the regions that a user has drawn."""
-    assert examples.hand_drawn is not None
+    if examples.hand_drawn is None:
+        raise EvalkitError("no regions are drawn; give a region for every vertex, or use 'character transfer'")
     return _paper(examples, regions=examples.hand_drawn)(new)
 
 
