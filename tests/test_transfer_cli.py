@@ -20,6 +20,7 @@ from evalkit.errors import EvalkitError
 from evalkit.geometry import rotation_from_vector
 from evalkit.meshes import read_mesh_file
 from evalkit.meshes.model import Mesh
+from evalkit.render import offscreen
 from evalkit.report import transfer as report
 from evalkit.transfer.character import CharacterTransfer
 from evalkit.transfer.choosing import choose_examples
@@ -231,7 +232,10 @@ MISTAKES = {
     "collapsed": (
         lambda: [changed("rough/smile.obj", k, "v 0 0 0") for k in (3, 4, 15)], [r"rough/smile.obj: triangle 0 has col"]
     ),
-    "twice": (lambda: write_ply(Path("rough/wink.ply"), *dome(), "ascii"), [r"rough/wink.obj and rough/wink.ply have the same"]),
+    "twice": (
+        lambda: write_ply(Path("rough/wink.ply"), *dome(), "ascii"),
+        [r"rough/wink.obj and rough/wink.ply have the same name"],
+    ),
     "empty folder": (lambda: [p.unlink() for p in Path("fine").iterdir()], [r"fine: no mesh file"]),
     "no new shape": (
         lambda: [Path("rough", n).unlink() for n in ("grin.obj", "wink.obj")], ["nothing to transfer"]
@@ -352,6 +356,17 @@ def test_exit_codes(folder, monkeypatch, capsys):
             cli.main()
         assert caught.value.code == code
     assert "evalkit: no method 'magic'" in capsys.readouterr().err
+
+
+def test_meshes_are_written_where_nothing_can_be_drawn(folder, monkeypatch):
+    def never() -> None:
+        raise EvalkitError("no picture can be drawn")
+
+    monkeypatch.setattr(offscreen, "require_offscreen", never)
+    output = run(*ARGUMENTS[:-1])
+    assert "warning: no picture can be drawn" in output
+    assert "wrote into out: grin.obj, wink.obj, coefficients.csv, regions.json, summary.json" in output
+    assert json.loads(Path("out/summary.json").read_text())["warnings"] == ["no picture can be drawn"]
 
 
 def test_pictures_show_the_shapes(folder):

@@ -91,9 +91,11 @@ def apply(
         outcome = transferred(material, method, regions, coefficients)
         content = report.summary(material, outcome, references, eyes)
     columns = report.transfer_columns(material, outcome, references)
-    with written(output, content, [shape.name for shape in material.new], columns, up, not no_pictures) as stage:
-        report.write_transferred(material, outcome, content, stage)
-    echo(content, output, as_json, described(content))
+    files = write(
+        output, lambda stage: report.write_transferred(material, outcome, content, stage), content["warnings"],
+        [shape.name for shape in material.new], columns, up, not no_pictures,
+    )  # fmt: skip
+    echo(content, output, files, as_json, described(content))
 
 
 @transfer.command()
@@ -151,9 +153,11 @@ def deform(
         done = deformed(one, np.stack([shape.places for shape in found]), other, correspondence)
         content = report.deformed_summary(found, source, target, done, warnings)
     columns = report.deformed_columns(found, source, target, done)
-    with written(output, content, [shape.name for shape in found], columns, up, not no_pictures) as stage:
-        report.write_deformed(found, target, done, content, stage)
-    echo(content, output, as_json, described_deformed(content))
+    files = write(
+        output, lambda stage: report.write_deformed(found, target, done, content, stage), content["warnings"],
+        [shape.name for shape in found], columns, up, not no_pictures,
+    )  # fmt: skip
+    echo(content, output, files, as_json, described_deformed(content))
 
 
 @transfer.command()
@@ -215,22 +219,23 @@ def described_deformed(content: dict[str, Any]) -> list[str]:
     ]
 
 
-def echo(content: dict[str, Any], output: Path, as_json: bool, lines: Sequence[str]) -> None:
+def echo(content: dict[str, Any], output: Path, files: Sequence[str], as_json: bool, lines: Sequence[str]) -> None:
     """Print what was done; in text also its warnings and files."""
     if as_json:
         click.echo(json.dumps(content, indent=2))
         return
-    files = sorted({shape["written"] for shape in content["shapes"]})
-    shown = f"{', '.join(files[:3])}, ... ({len(files)} meshes)" if len(files) > 3 else ", ".join(files)
+    meshes = sorted({shape["written"] for shape in content["shapes"]})
+    shown = f"{', '.join(meshes[:3])}, ... ({len(meshes)} meshes)" if len(meshes) > 3 else ", ".join(meshes)
+    others = ", ".join(name for name in files if name not in meshes)
     warnings = [f"warning: {text}" for text in content["warnings"]]
-    click.echo("\n".join([*lines, *warnings, f"wrote into {output}: {shown}, summary.json"]))
+    click.echo("\n".join([*lines, *warnings, f"wrote into {output}: {shown}, {others}"]))
 
 
-@contextmanager
-def written(
-    output: Path, content: dict[str, Any], names: Sequence[str], columns: Sequence[Column], up: str, pictures: bool
-) -> Iterator[Path]:
-    """A folder to write into, to which pictures are added; all of it appears together, or nothing.
+def write(
+    output: Path, meshes: Callable[[Path], None], warnings: list[str], names: Sequence[str], columns: Sequence[Column],
+    up: str, pictures: bool,
+) -> list[str]:  # fmt: skip
+    """Meshes and pictures in a folder, all of it or nothing; returns the names of the files.
 
     Where nothing can be drawn a warning says why: the meshes are worth having without.
     """
@@ -243,13 +248,14 @@ def written(
         try:
             require_offscreen()
         except EvalkitError as error:
-            content["warnings"].append(str(error))
+            warnings.append(str(error))
             pictures = False
     with staged(output) as stage:
-        yield stage
+        meshes(stage)
         if pictures:
             with progress("drawing", len(names)) as drawn:
                 write_sheets(names, columns, stage, up, drawn)
+        return sorted(path.name for path in stage.iterdir())
 
 
 @contextmanager
