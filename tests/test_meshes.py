@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import base64
+import json
+
 import numpy as np
 import pytest
 import trimesh
@@ -111,6 +114,32 @@ def test_gltf_without_targets_gets_new_positions_and_normals(tmp_path):
     # Stored in single precision.
     assert np.abs(np.linalg.norm(normals, axis=1) - 1.0).max() < 1e-6
     assert np.abs(normals[:, 0]).max() > 0.1
+
+
+def test_gltf_of_parts_that_the_scene_moves_apart_is_refused(tmp_path):
+    v, quads = dome(4)
+    write_glb(tmp_path / "a.gltf", v, quads[:, :3], {})
+    scene = json.loads((tmp_path / "a.gltf").read_text())
+    for second, fits in (({"mesh": 0}, True), ({"mesh": 0, "translation": [0.0, 1.0, 0.0]}, False)):
+        (tmp_path / "a.gltf").write_text(json.dumps({**scene, "nodes": [{"mesh": 0}, second]}))
+        if fits:
+            read_mesh_file(tmp_path / "a.gltf")
+        else:
+            with pytest.raises(EvalkitError, match="apply their transforms"):
+                read_mesh_file(tmp_path / "a.gltf")
+
+
+def test_gltf_takes_its_pictures_along(tmp_path):
+    v, quads = dome(4)
+    write_glb(tmp_path / "a.gltf", v, quads[:, :3], {})
+    scene = json.loads((tmp_path / "a.gltf").read_text())
+    (tmp_path / "skin 1.png").write_bytes(b"picture")
+    images = [{"uri": "skin%201.png"}, {"uri": "nowhere.jpg"}]
+    (tmp_path / "a.gltf").write_text(json.dumps({**scene, "images": images}))
+    mesh = read_mesh_file(tmp_path / "a.gltf")
+    written = json.loads(mesh.rewritten(v + 1.0, {}))["images"]
+    assert base64.b64decode(written[0]["uri"].removeprefix("data:image/png;base64,")) == b"picture"
+    assert written[1] == {"uri": "nowhere.jpg"}
 
 
 def test_a_face_is_split_where_no_triangle_turns_over(tmp_path):
