@@ -118,7 +118,7 @@ class PyrLkTracker:
         turn, shift = cv2.solvePnPRefineLM(self._model[chosen], moved[chosen], self._matrix, None, turn, shift)
         # Points that were lost go on from where the rigid face has them.
         projected: Any = cv2.projectPoints(self._model, turn, shift, self._matrix, None)[0]
-        self._places = projected.reshape(-1, 2)
+        self._places = projected.reshape(-1, 2).astype(np.float32)
         self._places[chosen] = moved[chosen]
         self._pose, self._lost = (turn, shift), False
         return self._answer(_turned(turn), np.asarray(shift, dtype=np.float64).ravel(), share)
