@@ -173,6 +173,7 @@ WRONG = {
     "empty.obj": (b" \n", "the file is empty"),
     "photo.obj": (b"\x89PNG\r\n\x1a\n", "holds no vertices"),
     "word.obj": (b"v 0 0 0\nv 1 x 0\n", "line 2 is no vertex: 'v 1 x 0'"),
+    "bare.obj": (b"v 0 0 0\nv\n", "line 2 is no vertex"),
     "short.obj": (b"v 0 0 0\nv 1 0\n", "line 2 is no vertex"),
     "nan.obj": (b"v 0 0 0\nv 1 0 0\nv nan 0 0\nf 1 2 3\n", "vertex 2 is not finite"),
     "zero.obj": (b"v 0 0 0\nf 0 1 1\n", "line 2 names vertex 0"),
