@@ -16,18 +16,24 @@ import numpy as np
 
 from evalkit.geometry import Array, nearest_rotation, rotation_from_vector, rotation_vector
 from evalkit.vision.camera import Camera
-from evalkit.vision.initial import Start, start_from_points
+from evalkit.vision.initial import Start, mean_face_surface, start_from_points
 from evalkit.vision.points import FACE_POINTS
-from evalkit.vision.references import Reference, distance_deg, make_reference, search
+from evalkit.vision.references import Reference, distance_deg, make_reference, search, towards
 from evalkit.vision.registration import Fit, Template, View, judge, register
 from evalkit.vision.surface import Map, Surface
 from evalkit.vision.tracker import LOST, HeadPose, Picture, TrackStatus
 
-TRACKED_SCORE = 0.5
-LOST_SCORE = 0.3
+TRACKED_SCORE = 0.55
+LOST_SCORE = 0.45
 """Scores (see :class:`evalkit.vision.registration.Fit`) from which a pose is tracked, and below which it is none."""
 
-FOUND_SCORE = 0.5
+CLOSED_SCORE = 0.7
+"""Below this, references that seem far are tried, too."""
+
+LONGEST_WEAK = 15
+"""Frames after which a pose that stays weak is taken for none."""
+
+FOUND_SCORE = 0.55
 """A head that was lost is back when a pose reaches this."""
 
 NEAR_DEG = 20.0
@@ -35,18 +41,28 @@ NEAR_DEG = 20.0
 
 NEW_DEG = 14.0
 NEW_SCORE = 0.65
-"""Score that a pose must have to become a reference."""
+"""A pose becomes a reference when it is so far from all others and reaches this score."""
 
 MOST_REFERENCES = 40
+"""Enough for all poses of a face in steps of 14 degrees, at two distances."""
+
+USUAL_SCORE = 0.8
+WORSE = 0.12
+"""A score so far below the running mean of the last frames' makes the tracker try from coarse to fine. The mean begins
+with the first of these."""
 
 DAMPING = 0.7
 """Share of the last motion that is expected to go on."""
 
+OVAL_DEG, OVAL_SHARE = 78.0, 1.0
+"""Half axes of the face's oval: angle, and share of the half height."""
+
 SOFT_WEIGHT = 0.25
+"""Weight of the mouth and the lids, which move by themselves."""
 
 NEAR_ITERATIONS = (6, 0, 0)
 FAR_ITERATIONS = (5, 4, 4)
-"""Weight of the mouth and the lids, which move by themselves."""
+"""Most iterations by level, finest first: from a prediction, and where that fails."""
 
 
 @dataclass(frozen=True)
@@ -58,6 +74,8 @@ class Settings:
     update : str
         ``static``: the first frame is the only template. ``dynamic``: the template follows the last frame.
         ``references``: the same, and stored references undo its drift.
+    surface : str
+        ``cylinder``, or ``face``: the smoothed depths of the mean face about it.
     normalised : bool
         Local contrast normalisation.
     robust : bool
@@ -67,6 +85,7 @@ class Settings:
     """
 
     update: Literal["static", "dynamic", "references"] = "references"
+    surface: Literal["cylinder", "face"] = "cylinder"
     normalised: bool = True
     robust: bool = True
     recover: bool = True
@@ -86,6 +105,8 @@ class CylinderTracker:
     def start(self, frame: Picture, camera: Camera, points_px: Array) -> HeadPose:
         """Begin with a frame and the 19 points in it; see :meth:`evalkit.vision.tracker.HeadTracker.start`."""
         start = start_from_points(points_px, camera)
+        if self.settings.surface == "face":
+            start = replace(start, surface=mean_face_surface(start.stretch))
         return self.start_at(frame, camera, start)
 
     def start_at(self, frame: Picture, camera: Camera, start: Start) -> HeadPose:
@@ -100,7 +121,9 @@ class CylinderTracker:
         self.references: list[Reference] = [first]
         self._template = first.template
         self._last: tuple[View, Fit] | None = None
-        self._usual = 0.8
+        self._usual = USUAL_SCORE
+        self._turn = 0
+        self._weak_for = 0
         return HeadPose(start.rotation, start.translation, TrackStatus.TRACKED, 1.0)
 
     def step(self, frame: Picture) -> HeadPose:
@@ -111,12 +134,15 @@ class CylinderTracker:
         if fit.score < TRACKED_SCORE:
             # Motion that stopped, or that an occluder pretended.
             fit = max(fit, self._follow(view, self._rotation, self._translation), key=_score)
+        if fit.score < CLOSED_SCORE and self.settings.update == "references":
+            fit = max([fit, *self._close(view, fit)], key=_score)
         if fit.score < TRACKED_SCORE and self.settings.recover:
             fit = max(fit, self._search(view), key=_score)
-        if fit.score < (FOUND_SCORE if self._lost_for else LOST_SCORE):
+        self._weak_for = 0 if fit.score >= TRACKED_SCORE else self._weak_for + 1
+        if fit.score < (FOUND_SCORE if self._lost_for else LOST_SCORE) or self._weak_for > LONGEST_WEAK:
             self._lost_for += 1
             self._motion = np.zeros(3), np.zeros(3)
-            return LOST._replace(confidence=max(0.0, min(1.0, fit.score)))
+            return LOST
         self._keep(view, fit)
         status = TrackStatus.TRACKED if fit.score >= TRACKED_SCORE else TrackStatus.WEAK
         return HeadPose(fit.rotation, fit.translation, status, max(0.0, min(1.0, fit.score)))
@@ -130,16 +156,17 @@ class CylinderTracker:
 
     def _register(self, view: View, template: Template, rotation: Array, translation: Array) -> Fit:
         """From close by on the finest level alone, where the least is blurred; from coarse to fine if that fails."""
-        settings = self.settings
+        fits: list[Fit] = []
         for iterations in (NEAR_ITERATIONS, FAR_ITERATIONS):
-            fit = register(
-                view, self.surface, template, self._rigid, rotation, translation, iterations, settings.normalised,
-                settings.robust,
+            fits.append(
+                register(
+                    view, self.surface, template, self._rigid, rotation, translation, iterations,
+                    self.settings.normalised, self.settings.robust,
+                )
             )  # fmt: skip
-            if fit.score > max(TRACKED_SCORE, self._usual - 0.12):
-                return fit
-            best = fit if iterations is NEAR_ITERATIONS else max(best, fit, key=_score)
-        return best
+            if fits[-1].score > max(TRACKED_SCORE, self._usual - WORSE):
+                break
+        return max(fits, key=_score)
 
     def _follow(self, view: View, rotation: Array, translation: Array) -> Fit:
         """Registration against the reference that is near, or against the template of the last frame."""
@@ -151,24 +178,48 @@ class CylinderTracker:
             if fit.score >= TRACKED_SCORE:
                 return fit
         again = self._register(view, self._last_template(), rotation, translation)
+        near = self._near(again.rotation, again.translation)
+        if near is not None:
+            # The last frame agrees with itself, whatever has come before the face: a reference decides.
+            again = judge(
+                view, self.surface, near.template, self._rigid, again.rotation, again.translation,
+                self.settings.normalised,
+            )  # fmt: skip
         return again if reference is None else max(fit, again, key=_score)
+
+    def _turns(self) -> list[Reference]:
+        """The references to try in this frame: the others take turns, the first one is in every turn."""
+        self._turn += 1
+        others = self.references[1:]
+        return [self.references[0], *([others[self._turn % len(others)]] if others else [])]
+
+    def _close(self, view: View, fit: Fit) -> list[Fit]:
+        """Registrations against references that seemed far: a pose that drifted does not know which one is near."""
+        arm = np.array([0.0, 0.0, float(self.surface.radii_mm.mean())])
+        place = fit.rotation @ arm + fit.translation
+        found = []
+        for reference in self._turns():
+            if self._near(fit.rotation, fit.translation) is reference:
+                continue
+            sight = towards(reference.rotation @ arm + reference.translation)
+            rotation = towards(place) @ sight.T @ reference.rotation
+            found.append(self._register(view, reference.template, rotation, place - rotation @ arm))
+        return found
 
     def _last_template(self) -> Template:
         """The template with what the last frame showed, made when it is asked for."""
         if self._last is not None:
             view, fit = self._last
             shown = view.template(self.surface, fit.rotation, fit.translation)
-            self._template = _updated(self._template, shown, fit.agreement)
+            self._template = _updated(self._template, shown, fit.agreement, fit.score >= NEW_SCORE)
             self._last = None
         return self._template
 
     def _search(self, view: View) -> Fit:
-        """The best pose at which one of the references is found; they take turns, the first one is in every turn."""
-        others = self.references[1:]
-        tried = [self.references[0], *([others[self._lost_for % len(others)]] if others else [])]
+        """The best pose at which one of the references is found."""
         fits = [
             self._register(view, reference.template, rotation, translation)
-            for reference in tried
+            for reference in self._turns()
             for rotation, translation in search(view, self.surface, self.camera, reference)
         ]
         nothing = judge(view, self.surface, self._template, self._rigid, self._rotation, self._translation)
@@ -187,7 +238,8 @@ class CylinderTracker:
         self._lost_for = 0
         self._rotation, self._translation = rotation, fit.translation
         self._usual += 0.1 * (fit.score - self._usual)
-        if self.settings.update == "static":
+        if self.settings.update == "static" or fit.score < TRACKED_SCORE:
+            # What is not known to be the face must not become the template of it.
             return
         self._last = view, fit
         if self.settings.update == "dynamic":
@@ -202,12 +254,12 @@ def _score(fit: Fit) -> float:
     return fit.score
 
 
-def _updated(old: Template, shown: Template, agreement: Map) -> Template:
-    """The template with what a frame shows, where the two agree or the template knew nothing."""
+def _updated(old: Template, shown: Template, agreement: Map, growing: bool) -> Template:
+    """The template with what a frame shows, where the two agree or, if it may grow, the template knew nothing."""
     textures, weights = [], []
     for before, known, now, seen in zip(old.texture, old.weight, shown.texture, shown.weight, strict=True):
         agreeing = cv2.resize(agreement, before.shape[::-1], interpolation=cv2.INTER_AREA)
-        taken = ((agreeing > 0.5) | (known < 0.1)) & (seen > 0)
+        taken = ((agreeing > 0.5) & (known >= 0.1) | growing & (known < 0.1)) & (seen > 0)
         textures.append(np.where(taken, now, before))
         weights.append(np.where(taken, seen, known).astype(np.float32))
     return Template(tuple(textures), tuple(weights))
@@ -228,6 +280,11 @@ def _rigid_weights(surface: Surface, points_mm: Array) -> tuple[Map, ...]:
             inner, outer = at[f"eye inner {side}"], at[f"eye outer {side}"]
             middle, half = 0.5 * (inner + outer), 0.5 * float(np.linalg.norm(outer - inner))
             soft |= (np.hypot(x - middle[0], 1.6 * (y - middle[1])) < 1.2 * half) & front
-        weight = np.where(soft, SOFT_WEIGHT, 1.0).reshape(grid.shape).astype(np.float32)
+        # Outside of an oval there are hair, ears, neck, and in the corners what stands behind the head.
+        angle = np.degrees(np.arctan2(x, grid.points[:, 2]))
+        middle = 0.5 * (surface.top_mm + surface.bottom_mm)
+        away = np.hypot(angle / OVAL_DEG, (y - middle) / (OVAL_SHARE * (surface.top_mm - middle)))
+        oval = np.clip((1.15 - away) / 0.3, 0.0, 1.0)
+        weight = (np.where(soft, SOFT_WEIGHT, 1.0) * oval).reshape(grid.shape).astype(np.float32)
         weights.append(cv2.GaussianBlur(weight, (0, 0), 0.02 * len(weight)))
     return tuple(weights)

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
+from scipy.interpolate import RBFInterpolator
 from scipy.optimize import least_squares
 
 from evalkit.errors import EvalkitError
@@ -17,7 +18,7 @@ from evalkit.geometry import Array, rotation_from_vector
 from evalkit.head.places import all_landmarks
 from evalkit.vision.camera import Camera
 from evalkit.vision.points import FACE_POINTS, mean_face_points
-from evalkit.vision.surface import Surface
+from evalkit.vision.surface import FINEST, HALF_ANGLE_DEG, Surface
 
 SCATTER_MM = 2.5
 """How far a rigid point of a person lies from the mean face's, once that is stretched."""
@@ -30,6 +31,10 @@ STRETCH_SD = 0.06
 
 ABOVE_MM, BELOW_MM = 75.0, 95.0
 """How far the texture reaches above and below the middle of the mean face: from the hairline to the chin."""
+
+SMOOTHING = 500.0
+"""Of the mean face's depths: the rounding of forehead and chin stays, the nose becomes a hill. A sharp nose would have
+to lie exactly on the person's, and takes a cheek out of sight at every turn."""
 
 MOST_SCATTER = 12.0
 """Points that miss the fitted mean face by more than this many times their scatter, in the mean, are no face."""
@@ -67,6 +72,26 @@ def mean_cylinder() -> tuple[Array, float]:
     places = np.array([place for name, place in all_landmarks().items() if "nose" not in name])
     found = least_squares(lambda q: np.hypot(places[:, 0], places[:, 2] - q[0]) - q[1], [30.0, 70.0])
     return np.array([0.0, mean_face_points()[:, 1].mean(), found.x[0]]), float(found.x[1])
+
+
+def mean_face_surface(stretch: Array) -> Surface:
+    """Depths of the mean face's landmarks, spread smoothly over angle and height, in the head's axes.
+
+    A smoothing thin-plate spline of the landmarks' distance from the axis, minus the radius of the cylinder. Beyond
+    the landmarks the cylinder goes on.
+    """
+    origin, radius = mean_cylinder()
+    places = (np.array(list(all_landmarks().values())) - origin) * stretch
+    top, bottom = ABOVE_MM * stretch[1], -BELOW_MM * stretch[1]
+    angle, excess = np.arctan2(places[:, 0], places[:, 2]), np.hypot(places[:, 0], places[:, 2]) - radius
+    # Where there are no landmarks: the sides beyond the ears and the scalp above the forehead.
+    sides = [(side * np.radians(HALF_ANGLE_DEG), height) for side in (-1, 1) for height in (bottom, 0.0, top)]
+    at = np.vstack([np.stack([angle * radius, places[:, 1]], axis=1), [(a * radius, y) for a, y in sides]])
+    spline = RBFInterpolator(at, np.concatenate([excess, np.zeros(len(sides))]), smoothing=SMOOTHING)
+    part = np.linspace(0.0, 1.0, FINEST + 1)
+    column, row = np.meshgrid(np.radians(HALF_ANGLE_DEG) * (2 * part - 1) * radius, top + (bottom - top) * part)
+    grown = spline(np.stack([column.ravel(), row.ravel()], axis=1)).reshape(column.shape)
+    return Surface(radius + np.clip(grown, -0.3 * radius, 0.3 * radius), float(top), float(bottom))
 
 
 def start_from_points(points_px: Array, camera: Camera) -> Start:

@@ -88,7 +88,9 @@ def towards(translation: Array) -> Array:
     return rotation_from_vector(axis / sine * np.arctan2(sine, -float(sight[2])))
 
 
-def search(view: View, surface: Surface, camera: Camera, reference: Reference, most: int = 2) -> list[tuple[Array, Array]]:
+def search(
+    view: View, surface: Surface, camera: Camera, reference: Reference, most: int = 2
+) -> list[tuple[Array, Array]]:
     """Poses at which a reference's face may be in a frame, the likeliest first.
 
     Parameters
@@ -134,6 +136,7 @@ def _turned(patch: Map, size: float, tilt_deg: float) -> Map:
     """A patch made larger and turned counterclockwise, as seen, without the corners that a turn leaves empty."""
     height, width = patch.shape
     out = (max(round(width * size), 5), max(round(height * size), 5))
-    turn = cv2.getRotationMatrix2D((0.5 * (width - 1), 0.5 * (height - 1)), tilt_deg, size)
+    turn = np.array(cv2.getRotationMatrix2D((0.5 * (width - 1), 0.5 * (height - 1)), tilt_deg, size), dtype=np.float64)
     turn[:, 2] += 0.5 * (np.array(out) - 1) - 0.5 * (np.array([width, height]) - 1)
-    return cv2.warpAffine(patch, turn, out, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    turned = cv2.warpAffine(patch, turn, out, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return turned.astype(np.float32, copy=False)

@@ -10,7 +10,8 @@ the first). The weights ``w`` are the product of
 - visibility: the cosine of the angle between normal and line of sight, 0 outside of the picture;
 - how rigid the place is (a mouth is not);
 - agreement: the correlation of ``I`` and ``t`` in a window, which an occluder destroys over all of its area;
-- the robust weight of the single difference (Geman & McClure), by iteratively reweighted least squares.
+- the robust weight of the single difference, 1 up to a bound and falling with its square beyond, by iteratively
+  reweighted least squares.
 """
 
 from __future__ import annotations
@@ -26,16 +27,21 @@ from evalkit.vision.surface import LEVELS, Grid, Map, Surface
 from evalkit.vision.tracker import Picture
 
 GRAZING = (0.3, 0.6)
-"""Cosines between which a place turned away from the camera gains its full weight."""
+"""Cosines between which a place turned away from the camera gains its full weight: nearer to the rim a pixel of the
+reduced picture holds background, which stood still and pulled the yaw by a degree."""
 
 WINDOW = 0.18
 """Side of the window of local contrast, of the grid's side: about the width of an eye with its brow."""
 
 LEAST_WINDOW = 5
+"""Places along the side of that window on the coarse grids: a plane takes three, the rest is the texture."""
+
 CONTRAST_FLOOR = 3.0
 """Grey levels added to the local contrast: flat skin with the noise of a sensor is no texture."""
 
 AGREEMENT_WINDOW = 0.14
+"""Side of the window of local correlation, of the grid's side."""
+
 AGREEMENT = (0.1, 0.6)
 """Correlations between which a window gains its full weight."""
 
@@ -43,17 +49,30 @@ LEAST_AGREEMENT = 0.03
 """Weight that disagreement leaves: where all disagrees because the start is far off, something must still pull."""
 
 ROBUST = 2.0
-"""Differences of this many standard deviations count a quarter."""
+"""Differences of up to this many standard deviations count fully: weights that fall at once make Gauss-Newton's steps
+too short."""
 
 SPREAD = (0.1, 0.5)
 """Bounds of the standard deviation of the differences: half of the pixels may be occluded."""
 
 
 PIXELS_PER_SPACING = 1.2
+"""Pixels of the reduced picture that is read, between two places of the grid, as near as halving comes."""
+
 COARSEST_PICTURE = 5
+"""Most times that a frame is halved."""
+
 DAMPING = 1e-4
 COARSE_DAMPING = 0.05
+"""Share of the mean diagonal that is added to the normal matrix. Coarse grids cannot tell a small yaw from a move
+sideways: there that direction is held, or the finest grid would start from a worse place than the prediction."""
+
 OVER = 1.2
+"""Steps are made longer by this factor: along the same direction reweighting makes them too short."""
+
+LEAST_STEP = 0.02
+"""Share of the grid's spacing: what moves less is done, noise moves it as much."""
+
 UNITS = np.array([80.0, 80.0, 80.0, 1.0, 1.0, 1.0])
 """A radian moves the skin by about this many mm: in these units all six parameters are of one size."""
 
@@ -109,7 +128,7 @@ class View:
     def picture(self, level: int) -> Map:
         """The frame, halved ``level`` times."""
         while len(self._levels) <= level:
-            self._levels.append(cv2.pyrDown(self._levels[-1]))
+            self._levels.append(cv2.pyrDown(self._levels[-1]).astype(np.float32, copy=False))
         return self._levels[level]
 
     def unwrap(self, grid: Grid, rotation: Array, translation: Array) -> tuple[Map, Map]:
@@ -126,7 +145,7 @@ class View:
         v = placed[:, 1] * nearness + np.float32((camera.centre_px[1] - 0.5) * scale)
         grey = cv2.remap(
             picture, u.reshape(grid.shape), v.reshape(grid.shape), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
-        )
+        ).astype(np.float32, copy=False)
         height, width = picture.shape
         inside = (u > 0) & (v > 0) & (u < width - 1) & (v < height - 1) & (placed[:, 2] < -1.0)
         return grey, inside.reshape(grid.shape).astype(np.float32)
@@ -177,7 +196,7 @@ class LocalContrast:
         mx, my = mx / self._mass, my / self._mass
         xx, xy, yy = (_mean(weight * values, self._size) / self._mass for values in (x * x, x * y, y * y))
         # Moments about the middle of what the window sees; the floor keeps a window with a sliver from a steep plane.
-        floor = np.float32(0.01)
+        floor = np.float32(0.002)
         xx, xy, yy = xx - mx * mx + floor, xy - mx * my, yy - my * my + floor
         scale = 1.0 / (xx * yy - xy * xy)
         self._mx, self._my = mx, my
@@ -208,7 +227,8 @@ class Plain:
 
 
 def _mean(values: Map, size: int) -> Map:
-    return cv2.boxFilter(values, -1, (size, size), borderType=cv2.BORDER_CONSTANT)
+    mean = cv2.boxFilter(values, -1, (size, size), borderType=cv2.BORDER_CONSTANT)
+    return mean.astype(np.float32, copy=False)
 
 
 def _odd(size: float) -> int:
@@ -250,6 +270,8 @@ def register(
         Start.
     iterations : tuple of int
         At most, by level, finest first; 0 leaves a level out.
+    normalised, robust : bool
+        See :class:`evalkit.vision.cylinder.Settings`.
 
     Returns
     -------
@@ -278,8 +300,7 @@ def register(
             step *= OVER
             rotation = rotation @ rotation_from_vector(step[:3])
             translation = translation + rotation @ step[3:]
-            # A move of a fiftieth of a grid spacing is below what noise allows.
-            if np.abs(step * UNITS).max() < 0.02 * grid.spacing_mm:
+            if np.abs(step * UNITS).max() < LEAST_STEP * grid.spacing_mm:
                 break
     return judge(view, surface, template, rigid, *_sane(start, rotation, translation), normalised)
 
@@ -335,10 +356,9 @@ def _slides(grid: Grid, sight: Map) -> tuple[Map, Map]:
 
 def _gradients(texture: Map) -> tuple[Map, Map]:
     """Differences along columns and rows, smoothed across: noise in them would pass for information."""
-    return (
-        cv2.Sobel(texture, -1, 1, 0, scale=0.125, borderType=cv2.BORDER_REPLICATE),
-        cv2.Sobel(texture, -1, 0, 1, scale=0.125, borderType=cv2.BORDER_REPLICATE),
-    )
+    across = cv2.Sobel(texture, -1, 1, 0, scale=0.125, borderType=cv2.BORDER_REPLICATE)
+    down = cv2.Sobel(texture, -1, 0, 1, scale=0.125, borderType=cv2.BORDER_REPLICATE)
+    return across.astype(np.float32, copy=False), down.astype(np.float32, copy=False)
 
 
 def _step(

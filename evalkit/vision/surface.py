@@ -21,7 +21,7 @@ HALF_ANGLE_DEG = 80.0
 """The texture reaches this far to both sides of the nose: beyond lie the ears."""
 
 FINEST = 48
-"""Rows and columns of the finest grid: 2.5 mm apart, near a pixel of a face that is 90 pixels wide."""
+"""Rows and columns of the finest grid, some 4 mm apart: with 64 poses were no better and took half as long again."""
 
 LEVELS = 3
 
@@ -92,9 +92,9 @@ class Surface:
         along_row, along_column = np.cross(down, normals), np.cross(normals, across)
         along_row /= (along_row * across).sum(axis=-1, keepdims=True)
         along_column /= (along_column * down).sum(axis=-1, keepdims=True)
-        flat = [a.reshape(-1, 3).astype(np.float32) for a in (points, normals, along_row, along_column)]
+        flat = np.stack([points, normals, along_row, along_column]).reshape(4, -1, 3).astype(np.float32)
         spacing_mm = float(np.sqrt(np.linalg.norm(across, axis=-1).mean() * np.linalg.norm(down, axis=-1).mean()))
-        return Grid(*flat, shape=(size, size), spacing_mm=spacing_mm)
+        return Grid(flat[0], flat[1], flat[2], flat[3], (size, size), spacing_mm)
 
 
 def _resample(values: Array, at: Array) -> Array:

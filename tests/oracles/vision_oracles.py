@@ -39,9 +39,9 @@ class Film:
     axes_mm: tuple[float, float, float] = (RADIUS_MM, np.inf, RADIUS_MM)
     """Half axes of the ellipsoid; an infinite one in the middle makes it a cylinder."""
     half_height_mm: float = 105.0
-    width: int = 240
-    height: int = 192
-    focal_px: float = 330.0
+    width: int = 176
+    height: int = 144
+    focal_px: float = 240.0
     seed: int = 0
     shading: float = 0.0
     """0: none; 1: as dark as can be at the side away from a light that stands still beside the camera."""
@@ -64,19 +64,19 @@ def band(draw, shape, sigmas):
     return (total - total.mean()) / total.std()
 
 
-DEGREES = np.linspace(-180, 180, 721)
-HEIGHTS = np.linspace(-130, 130, 521)
+DEGREES = np.linspace(-180, 180, 361)
+HEIGHTS = np.linspace(-130, 130, 261)
 
 
 def face_texture(draw):
     """Grey levels by height (rows, from below) and angle (columns): skin, dark brows, eyes, nostrils and lips."""
     angle, height = np.meshgrid(DEGREES, HEIGHTS)
-    grey = 150 + 9 * band(draw, angle.shape, (4, 12, 30))
+    grey = 150 + 9 * band(draw, angle.shape, (2, 6, 15))
 
     def blot(at, size, depth):
         nonlocal grey
         distance = ((angle - at[0]) / size[0]) ** 2 + ((height - at[1]) / size[1]) ** 2
-        grey = grey - depth / (1 + np.exp(6 * (distance - 1)))
+        grey = grey - depth / (1 + np.exp(np.minimum(6 * (distance - 1), 50)))
 
     for side in (-1, 1):
         blot((side * 30, 45), (20, 4), 60)
@@ -87,7 +87,7 @@ def face_texture(draw):
     blot((0, MOUTH_HEIGHT_MM), (20, 6), 45)
     blot((0, MOUTH_HEIGHT_MM), (19, 1.2), 40)
     hair = 70 / (1 + np.exp(-(height - 78 + 4 * np.sin(np.radians(angle * 9))) / 3))
-    return grey - hair * (1 + 0.2 * band(draw, angle.shape, (2, 5)))
+    return grey - hair * (1 + 0.2 * band(draw, angle.shape, (1, 2.5)))
 
 
 def texture_at(film, angle, height, opening_mm):
@@ -109,7 +109,8 @@ def render(film, rotation, translation, opening_mm=0.0, occluder=None):
     """One frame (H, W) of uint8. The occluder is (x, y, half width, half height) in pixels, textured, or None."""
     n = film.samples
     v, u = np.meshgrid((np.arange(film.height * n) + 0.5) / n, (np.arange(film.width * n) + 0.5) / n, indexing="ij")
-    rays = np.stack([(u - 0.5 * film.width) / film.focal_px, (0.5 * film.height - v) / film.focal_px, -np.ones_like(u)], -1)
+    right, up = (u - 0.5 * film.width) / film.focal_px, (0.5 * film.height - v) / film.focal_px
+    rays = np.stack([right, up, -np.ones_like(u)], -1)
     picture = map_coordinates(film.background, [v - 0.5, u - 0.5], order=1, mode="nearest")
     if rotation is not None:
         # The ray o + s d in the head's own axes, scaled so that the surface is the unit sphere or cylinder.
@@ -134,7 +135,8 @@ def render(film, rotation, translation, opening_mm=0.0, occluder=None):
         x, y, half_width, half_height = occluder
         covered = (np.abs(u - x) < half_width) & (np.abs(v - y) < half_height)
         # Its pattern goes along with it.
-        picture[covered] = (95 + 50 * np.sin((u - x) / 4.0) * np.cos((v - y) / 5.0) + 20 * np.sin((u - x) / 11))[covered]
+        pattern = 50 * np.sin((u - x) / 4.0) * np.cos((v - y) / 5.0) + 20 * np.sin((u - x) / 11)
+        picture[covered] = 95 + pattern[covered]
     picture = picture.reshape(film.height, n, film.width, n).mean(axis=(1, 3))
     picture = picture + film.noise_grey * film.noise.standard_normal(picture.shape)
     return np.clip(np.rint(picture), 0, 255).astype(np.uint8)
