@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -29,7 +28,6 @@ from evalkit.transfer.registration import (
     border,
     closest_on_triangles,
     neighbours,
-    read_landmarks,
     register,
     vertex_normals,
 )
@@ -408,29 +406,6 @@ def test_a_correspondence_of_a_user_is_checked():
     ):
         with pytest.raises(EvalkitError, match=message):
             Correspondence(source, target, known, known).check(triangles, triangles, "mine.npz")
-
-
-def test_landmark_files(tmp_path):
-    vertices = np.arange(12.0).reshape(4, 3)
-    path = tmp_path / "face.json"
-    path.write_text(json.dumps({"chin": 3, "nose tip": [1.0, 2, 3.5]}))
-    found = read_landmarks(path, vertices)
-    np.testing.assert_array_equal(found["chin"], vertices[3])
-    np.testing.assert_array_equal(found["nose tip"], [1.0, 2.0, 3.5])
-    for content, message in (
-        ('{"chin": 4}', "landmark 'chin' is vertex 4, of 4"),
-        ('{"chin": -1}', "landmark 'chin' is vertex -1, of 4"),
-        ('{"chin": [1, 2]}', "landmark 'chin' is neither"),
-        ('{"chin": [1, 2, NaN]}', "landmark 'chin' is neither"),
-        ('{"chin": true}', "landmark 'chin' is neither"),
-        ("[1]", "must be an object"),
-        ("{", "no valid JSON"),
-    ):
-        path.write_text(content)
-        with pytest.raises(EvalkitError, match=r"face\.json: .*" + message):
-            read_landmarks(path, vertices)
-    with pytest.raises(EvalkitError, match=r"none\.json: cannot be read"):
-        read_landmarks(tmp_path / "none.json", vertices)
 
 
 def test_what_cannot_be_registered_is_said_in_one_line():

@@ -7,11 +7,8 @@ the surface is drawn onto the other in rounds.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +17,7 @@ from evalkit.deform.surface import components
 from evalkit.errors import EvalkitError
 from evalkit.geometry import Array
 from evalkit.head.real_heads import aligned
+from evalkit.meshes.model import vertex_normals
 from evalkit.transfer.gradients import Indices, checked_mesh, edge_frames
 from evalkit.transfer.matrices import inverse
 from evalkit.transfer.solver import factorised
@@ -50,7 +48,7 @@ class Surface:
     vertices : ndarray, shape (V, 3)
     triangles : ndarray of int, shape (T, 3)
     landmarks : dict of str to ndarray, shape (3,)
-        Places on the mesh at rest; see :func:`read_landmarks`.
+        Places on the mesh at rest.
     labels : ndarray of str, shape (V,), optional
         Kind of each vertex, such as ``upper lip`` and ``lower lip``: only vertices of one kind (or of two that
         :data:`MINGLE`) are matched with each other. Without labels on both sides, none is kept apart.
@@ -209,16 +207,6 @@ def neighbours(triangles: Indices) -> Indices:
     return np.stack([owner[:-1][same], owner[1:][same]], axis=1)
 
 
-def vertex_normals(vertices: Array, triangles: Indices) -> Array:
-    """Unit normals, weighted by area, (V, 3); zero where a vertex is in no triangle."""
-    a, b, c = (vertices[triangles[:, k]] for k in range(3))
-    normal, out = np.cross(b - a, c - a), np.zeros_like(vertices)
-    for k in range(3):
-        np.add.at(out, triangles[:, k], normal)
-    length = np.linalg.norm(out, axis=1, keepdims=True)
-    return np.asarray(out / np.where(length > 0.0, length, 1.0))
-
-
 def border(triangles: Indices, count: int) -> NDArray[np.bool_]:
     """Vertices on an edge of the mesh, (V,)."""
     sides = np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
@@ -304,44 +292,3 @@ def closest_on_triangles(points: Array, a: Array, b: Array, c: Array) -> Array:
 
 def _of(labels: NDArray[np.str_] | None, which: Indices) -> NDArray[np.str_] | None:
     return None if labels is None else np.asarray(labels)[which]
-
-
-def read_landmarks(path: str | Path, vertices: Array) -> dict[str, Array]:
-    """Landmarks of a user's mesh: a JSON object of names, each with a vertex number (from 0) or a place [x, y, z].
-
-    Parameters
-    ----------
-    path : str or Path
-    vertices : ndarray, shape (V, 3)
-        Of the mesh the numbers refer to.
-
-    Returns
-    -------
-    dict of str to ndarray, shape (3,)
-
-    Raises
-    ------
-    EvalkitError
-        If the file cannot be read, or an entry is neither; with the file and the name.
-    """
-    path = Path(path)
-    try:
-        facts: Any = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise EvalkitError(f"{path}: cannot be read ({error.strerror or error})") from error
-    except ValueError as error:
-        raise EvalkitError(f"{path}: no valid JSON ({error})") from error
-    if not isinstance(facts, dict):
-        raise EvalkitError(f"{path}: must be an object of landmark names, each with a vertex number or [x, y, z]")
-    out = {}
-    for name, value in facts.items():
-        if isinstance(value, int) and not isinstance(value, bool):
-            if not 0 <= value < len(vertices):
-                raise EvalkitError(f"{path}: landmark '{name}' is vertex {value}, of {len(vertices)}")
-            out[name] = np.array(vertices[value], dtype=np.float64)
-            continue
-        numbers = isinstance(value, list) and len(value) == 3
-        if not numbers or not all(isinstance(x, int | float) and np.isfinite(x) for x in value):
-            raise EvalkitError(f"{path}: landmark '{name}' is neither a vertex number nor a place [x, y, z]")
-        out[name] = np.array(value, dtype=np.float64)
-    return out
