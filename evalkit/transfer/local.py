@@ -74,8 +74,8 @@ KERNELS = (
     Kernel(10.0, 0.001, 0.1, False, True),
 )
 """From the one that trusts nearly equal motions only to nearly linear ones. How much each counts is told by leaving out
-one example after the other. Chosen on two_artists("ict to makehuman"), template and muzzle: with random examples of seeds
-that the studies do not have, and with the four examples that the last two come with."""
+one example after the other. Chosen on two_artists("ict to makehuman"), template and muzzle: with random examples of
+seeds that the studies do not have, and with the four examples that the last two come with."""
 
 
 @dataclass(frozen=True, eq=False)
