@@ -270,18 +270,24 @@ def test_learnt_depths_are_those_of_weighted_least_squares_with_a_prior(seed, fr
     slopes, places = random.normal(0, 0.3, (frames, 4, 2)), random.normal(0, 2, (frames, 4, 2))
     weight = random.uniform(0, 1, (frames, 4)) * (random.random((frames, 4)) > 0.2)
     spread = np.full((4, 2), 3.0)
-    learnt = LearntDepths(spread)
+    groups = np.array([0, 1, 0, 3])
+    learnt = LearntDepths(spread, groups)
     for values in zip(slopes, places, weight, strict=True):
         learnt.learn(*values)
     ridge = 6 * ((0.5 * 3.0) ** 2 + 1.0) / 8.0**2
-    for k in range(4):
-        # Unknown: depth and the place's two coordinates; the prior is a further row.
-        rows, wanted = [[np.sqrt(ridge), 0, 0]], [0.0]
-        for m, x, w in zip(slopes[:, k], places[:, k], weight[:, k], strict=True):
-            rows += [[-np.sqrt(w) * m[0], np.sqrt(w), 0], [-np.sqrt(w) * m[1], 0, np.sqrt(w)]]
-            wanted += [np.sqrt(w) * x[0], np.sqrt(w) * x[1]]
+    for group in (0, 1, 3):
+        # Unknown: the group's depth and two coordinates of each of its points; the prior is a further row.
+        members = np.flatnonzero(groups == group)
+        rows, wanted = [np.sqrt(ridge) * np.eye(1 + 2 * len(members))[0]], [0.0]
+        for n, k in enumerate(members):
+            for m, x, w in zip(slopes[:, k], places[:, k], weight[:, k], strict=True):
+                for axis in (0, 1):
+                    line = np.zeros(1 + 2 * len(members))
+                    line[0], line[1 + 2 * n + axis] = -m[axis], 1.0
+                    rows.append(np.sqrt(w) * line)
+                    wanted.append(np.sqrt(w) * x[axis])
         best = np.linalg.lstsq(np.array(rows), np.array(wanted))[0][0]
-        np.testing.assert_allclose(learnt.offset_mm[k], np.clip(best, -15, 15), atol=1e-9)
+        np.testing.assert_allclose(learnt.offset_mm[members], np.clip(best, -15, 15), atol=1e-9)
 
 
 def test_places_of_the_frontal_view_and_of_the_frame_are_each_others_inverse():

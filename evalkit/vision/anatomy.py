@@ -81,6 +81,10 @@ UPRIGHT = np.array([kind.family.endswith("lids") for kind in POINT_KINDS])
 SKULL = np.array([kind.family == "corners" for kind in POINT_KINDS])
 """Points that do not move on the skull, shape (19,)."""
 
+_WITHOUT_SIDE = [name.removesuffix(" left").removesuffix(" right") for name in FACE_POINTS]
+MIRRORED = np.array([_WITHOUT_SIDE.index(name) for name in _WITHOUT_SIDE])
+"""A number for each point, shape (19,), that it shares with the one on the other side."""
+
 LIDS = [[FACE_POINTS.index(f"{lid} lid {side}") for lid in ("upper", "lower")] for side in SIDES]
 CORNERS = [[FACE_POINTS.index(f"eye {end} {side}") for end in ("inner", "outer")] for side in SIDES]
 """Numbers of the lids and of the corners of each eye."""

@@ -7,12 +7,14 @@ depth moves it with the turn. The depth that makes a point move least,
     d = -sum (m - mean m) . (x - mean x) / (sum |m - mean m|^2 + r),
 
 with places ``x`` at the depth assumed so far, is therefore the depth that the video itself speaks for. The ridge ``r``
-is that of a Gaussian prior: depths of persons scatter about those of the mean face.
+is that of a Gaussian prior: depths of persons scatter about those of the mean face. Points that are as deep as each
+other, as the two sides of a face are, share the sums.
 """
 
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from evalkit.geometry import Array
 
@@ -33,12 +35,16 @@ class LearntDepths:
     ----------
     spread_mm : array_like, shape (N, 2)
         Spread of the points' ways in expressions: what a turn has to be told from.
+    groups : array_like of int, shape (N,)
+        Points with the same number have one depth.
     """
 
-    def __init__(self, spread_mm: Array) -> None:
+    def __init__(self, spread_mm: Array, groups: NDArray[np.intp]) -> None:
         variance = (0.5 * np.asarray(spread_mm, dtype=np.float64)) ** 2
-        self._ridge = LIKE_FRAMES * (variance.mean(axis=1) + 1.0) / PERSONS_MM**2
-        count = len(self._ridge)
+        _, self._groups = np.unique(groups, return_inverse=True)
+        ridge = LIKE_FRAMES * (variance.mean(axis=1) + 1.0) / PERSONS_MM**2
+        self._ridge = np.bincount(self._groups, ridge) / np.bincount(self._groups)
+        count = len(groups)
         self._weight = np.zeros(count)
         self._slope, self._place = np.zeros((count, 2)), np.zeros((count, 2))
         self._square, self._product = np.zeros(count), np.zeros(count)
@@ -71,4 +77,5 @@ class LearntDepths:
     @property
     def offset_mm(self) -> Array:
         """Depth of each point beyond the assumed one, shape (N,)."""
-        return np.clip(-self._product / (self._square + self._ridge), -LARGEST_MM, LARGEST_MM)
+        product, square = (np.bincount(self._groups, sums) for sums in (self._product, self._square))
+        return np.clip(-product / (square + self._ridge), -LARGEST_MM, LARGEST_MM)[self._groups]

@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from evalkit.errors import EvalkitError
 from evalkit.geometry import Array
-from evalkit.vision.anatomy import COMMON_MM, CORNERS, LIDS, POINT_KINDS, SKULL, SPREAD_MM, ways_precision
+from evalkit.vision.anatomy import COMMON_MM, CORNERS, LIDS, MIRRORED, POINT_KINDS, SKULL, SPREAD_MM, ways_precision
 from evalkit.vision.camera import Camera
 from evalkit.vision.depths import LearntDepths
 from evalkit.vision.frontal import PIXEL_MM, FrontalView, Map
@@ -175,7 +175,7 @@ class FeatureTracker:
         self._face = self._neutral.copy()
         self._normals, self._height = self.view.normals(self._neutral), self.view.lifted(self._neutral)[:, 2]
         self._first = _slopes(self.view.lifted(self._neutral), pose)
-        self._learnt = LearntDepths(SPREAD_MM)
+        self._learnt = LearntDepths(SPREAD_MM, MIRRORED)
         self.offset_mm, self.slopes = np.zeros(_COUNT), np.zeros((_COUNT, 2))
         self._home = self._place = self.view.pixels(self._neutral)
         self.points_px = np.array(points_px, dtype=np.float64)
