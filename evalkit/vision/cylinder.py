@@ -18,7 +18,7 @@ from evalkit.geometry import Array, nearest_rotation, rotation_from_vector, rota
 from evalkit.vision.camera import Camera
 from evalkit.vision.initial import Start, mean_face_surface, start_from_points
 from evalkit.vision.points import FACE_POINTS
-from evalkit.vision.references import Reference, distance_deg, make_reference, search, towards
+from evalkit.vision.references import Reference, distances_deg, make_reference, search, towards
 from evalkit.vision.registration import Fit, Template, View, judge, register
 from evalkit.vision.surface import Map, Surface
 from evalkit.vision.tracker import LOST, HeadPose, Picture, TrackStatus
@@ -149,10 +149,8 @@ class CylinderTracker:
 
     def _near(self, rotation: Array, translation: Array) -> Reference | None:
         """The oldest reference near a pose: it carries the least error of others."""
-        for reference in self.references:
-            if distance_deg(reference, rotation, translation) < NEAR_DEG:
-                return reference
-        return None
+        far = distances_deg(self.references, rotation, translation)
+        return next((reference for reference, x in zip(self.references, far, strict=True) if x < NEAR_DEG), None)
 
     def _register(self, view: View, template: Template, rotation: Array, translation: Array) -> Fit:
         """From close by on the finest level alone, where the least is blurred; from coarse to fine if that fails."""
@@ -244,10 +242,12 @@ class CylinderTracker:
         self._last = view, fit
         if self.settings.update == "dynamic":
             self._last_template()
-        elif fit.score >= NEW_SCORE and len(self.references) < MOST_REFERENCES:
-            far = min(distance_deg(reference, rotation, fit.translation) for reference in self.references)
-            if far > NEW_DEG:
-                self.references.append(make_reference(view, self.surface, self.camera, rotation, fit.translation))
+        elif (
+            fit.score >= NEW_SCORE
+            and len(self.references) < MOST_REFERENCES
+            and min(distances_deg(self.references, rotation, fit.translation)) > NEW_DEG
+        ):
+            self.references.append(make_reference(view, self.surface, self.camera, rotation, fit.translation))
 
 
 def _score(fit: Fit) -> float:

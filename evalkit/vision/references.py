@@ -8,12 +8,13 @@ correlation, at a few sizes and tilts); what matches is then registered and judg
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
-from evalkit.geometry import Array, rotation_angle, rotation_from_vector
+from evalkit.geometry import Array, cross_matrix, rotation_angle, rotation_from_vector
 from evalkit.vision.camera import Camera
 from evalkit.vision.registration import Template, View
 from evalkit.vision.surface import Map, Surface
@@ -40,6 +41,8 @@ class Reference:
     Attributes
     ----------
     rotation, translation : ndarray
+    turn : ndarray, shape (3, 3)
+        The rotation against the line of sight.
     template : Template
     patch : ndarray, shape (h, w)
         The face in the frame, reduced.
@@ -49,6 +52,7 @@ class Reference:
 
     rotation: Array
     translation: Array
+    turn: Array
     template: Template
     patch: Map
     patch_scale: float
@@ -67,25 +71,23 @@ def make_reference(view: View, surface: Surface, camera: Camera, rotation: Array
         view.picture(level), (side, round(1.3 * side)), tuple(float(x) for x in (middle - 0.5) * scale)
     )
     template = view.template(surface, rotation, translation)
-    return Reference(rotation, translation, template, np.asarray(patch, dtype=np.float32), scale)
-
-
-def distance_deg(reference: Reference, rotation: Array, translation: Array) -> float:
-    """How different a pose looks: the turn of the head against the line of sight, and the change of its size."""
     turn = towards(translation).T @ rotation
-    other = towards(reference.translation).T @ reference.rotation
-    angle = float(np.degrees(rotation_angle(other.T @ turn)))
-    return angle + DEPTH_DEG * abs(float(np.log(translation[2] / reference.translation[2])))
+    return Reference(rotation, translation, turn, template, np.asarray(patch, dtype=np.float32), scale)
+
+
+def distances_deg(references: Sequence[Reference], rotation: Array, translation: Array) -> list[float]:
+    """How different a pose looks from each reference: the turn against the line of sight, and the change of size."""
+    turn = towards(translation).T @ rotation
+    apart = np.degrees(rotation_angle(np.stack([reference.turn.T for reference in references]) @ turn))
+    sizes = np.log([reference.translation[2] / translation[2] for reference in references])
+    return [float(x) for x in apart + DEPTH_DEG * np.abs(sizes)]
 
 
 def towards(translation: Array) -> Array:
-    """Rotation that takes the camera's axis to the line of sight to a place."""
-    sight = translation / np.linalg.norm(translation)
-    axis = np.cross([0.0, 0.0, -1.0], sight)
-    sine = float(np.linalg.norm(axis))
-    if sine < 1e-12:
-        return np.eye(3)
-    return rotation_from_vector(axis / sine * np.arctan2(sine, -float(sight[2])))
+    """Rotation that takes the camera's axis to the line of sight to a place in front of it."""
+    x, y, z = translation / np.sqrt(translation @ translation)
+    cross = cross_matrix(np.array([y, -x, 0.0]))
+    return np.eye(3) + cross + cross @ cross / (1.0 - z)
 
 
 def search(

@@ -350,7 +350,8 @@ def _slides(grid: Grid, sight: Map) -> tuple[Map, Map]:
     out = []
     for along in (grid.along_row, grid.along_column):
         pull = along + grid.normals * (np.einsum("nk,nk->n", along, sight) * slope)[:, None]
-        out.append(np.ascontiguousarray(np.hstack([np.cross(grid.points, pull), pull]).T))
+        (x, y, z), (a, b, c) = grid.points.T, pull.T
+        out.append(np.stack([y * c - z * b, z * a - x * c, x * b - y * a, a, b, c]))
     return out[0], out[1]
 
 
