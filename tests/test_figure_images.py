@@ -73,11 +73,29 @@ def holed(rows: pd.DataFrame) -> pd.DataFrame:
     return rows.drop(index=one.index[away.argmin()])
 
 
+def eyeless(rows: pd.DataFrame) -> pd.DataFrame:
+    """One eyeball fewer."""
+    return rows.drop(index=rows["radius_mm"].last_valid_index())
+
+
+def torn(rows: pd.DataFrame) -> pd.DataFrame:
+    """One vertex of the cheek fewer, in the middle of the twist."""
+    from evalkit.figures.kato_4 import SPOT_MM
+
+    away = np.linalg.norm(rows[["one way x_mm", "one way y_mm", "one way z_mm"]].to_numpy() - SPOT_MM, axis=1)
+    return rows.drop(index=rows.index[np.nanargmin(away)])
+
+
 REMOVED: dict[str, Callable[[pd.DataFrame], pd.DataFrame]] = {
     "huang-1": without(panel="a", label="CheekL"),
     "huang-3": without(panel="a", part="eyeballs"),
     "huang-4": without(label="nose tip"),
     "huang-5": without(label="LowerLipC"),
+    "kato-3": eyeless,
+    "kato-4": torn,
+    "kato-5": eyeless,
+    "kato-7": eyeless,
+    "kato-8": eyeless,
     "kernels-lips": unmarked,
     "photo-fit": without(name="jaw left"),
     "seam": holed,
@@ -90,6 +108,11 @@ SIZES = {
     "huang-3": VIEW_ANGLE,
     "huang-4": VIEW_ANGLE,
     "huang-5": "evalkit.render.head_scene.MARGIN",
+    "kato-3": "evalkit.figures.faces.HALF_MM",
+    "kato-4": "evalkit.figures.kato_4.HALF_MM",
+    "kato-5": "evalkit.figures.faces.HALF_MM",
+    "kato-7": "evalkit.figures.faces.HALF_MM",
+    "kato-8": "evalkit.figures.faces.HALF_MM",
     "kernels-lips": "evalkit.figures.kernels_lips.HALF_MM",
     "photo-fit": VIEW_ANGLE,
     "seam": "evalkit.figures.seam.HALF_MM",

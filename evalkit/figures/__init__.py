@@ -54,6 +54,11 @@ MODULES = (
     "photo_fit",
     "frame_rate",
     "scaling",
+    "kato_3",
+    "kato_4",
+    "kato_5",
+    "kato_7",
+    "kato_8",
 )
 """Files of this folder that are figures, in the order of the paper that they would make; ``figures`` is the table of
 them, name to module. They are imported when it is first looked at."""
