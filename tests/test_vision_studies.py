@@ -23,7 +23,7 @@ from evalkit.vision.tracker import TrackStatus
 
 MINE = ("head-pose", "template-update", "parameters", "tracker-speed")
 
-SHORT = VideoParameters(head="template-small", frames=24, rate_hz=15.0, crf=0)
+SHORT = VideoParameters(head="template-small", frames=16, rate_hz=10.0, crf=0)
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -2,9 +2,18 @@
 
 Question: how wrong are the parameters of a face read from a video, and how much of a turn of the head do they show?
 
-Finding: not measured yet, since the study is younger than what it measures; the command prints the figures.
+Finding: the parameters hardly mix with the head's pose but for the eyes and what sticks out, and the aim of 3 % is met
+on average and not by each. One seed, the tracker's pose. A head that only turns, by up to 20 deg, changes the lengths
+by 2.4 % on the portrait and 3.7 % on MakeHuman's head in it, of which the further eye makes 20 %, brows and lip
+opening 1 to 4 %; the angles by 1.0 deg; beyond 15 deg points are no longer recognised, and 82 to 91 % of the values
+are given. A nod: 3.2 and 2.8 %, most of it in the tip of the nose (10 and 6 %). An opening jaw alone: 0.7 and 0.9 %,
+the lip opening 3.4 and 4.4 % of its neutral off in the mean and up to 16 and 21 % while it moves fast; it turns the
+head by 0.37 and 0.16 deg of pitch (aim 0.3). A talking face on a still head: 2.5 and 2.8 %. Both at once: 5.0 and 6.8
+%, lip opening 14 and 18 %. The true pose does not help (turn 2.9 and 4.8 %, both 8.0 and 9.8 %): the tracker's own
+shape and pose fit each other. Depths of a cylinder are as good for turns (2.8 and 3.2 %) and bad for the nose in a nod
+(31 % against 10 % on the portrait).
 
-Command: ``evalkit study run parameters --budget full``
+Command: ``evalkit study run parameters --budget full --seeds 1``
 """
 
 from __future__ import annotations
@@ -153,7 +162,7 @@ study = Study(
         "roll_deg": "the same of roll",
     },
     statistics=STATISTICS,
-    full=Budget(seeds=3),
+    full=Budget(seeds=2),
     small=Budget(
         seeds=1,
         axes={"head": ("template-small",), "motion": ("turn", "jaw"), "rate_hz": (10.0,)},

@@ -50,6 +50,12 @@ def _cylinder() -> HeadTracker:
     return CylinderTracker()
 
 
+def _face_surface() -> HeadTracker:
+    from evalkit.vision.cylinder import CylinderTracker, Settings
+
+    return CylinderTracker(Settings(surface="face"))
+
+
 def _pyrlk() -> HeadTracker:
     from evalkit.vision.pyrlk import PyrLkTracker
 
@@ -62,7 +68,11 @@ def _mediapipe() -> HeadTracker:
     return LandmarkerTracker()
 
 
-TRACKERS: dict[str, Callable[[], HeadTracker]] = {"cylinder": _cylinder, "pyrlk": _pyrlk, "mediapipe": _mediapipe}
+TRACKERS: dict[str, Callable[[], HeadTracker]] = {
+    "cylinder": _cylinder, "face-surface": _face_surface, "pyrlk": _pyrlk, "mediapipe": _mediapipe,
+}  # fmt: skip
+"""Name -> what builds the tracker: the cylinder, the same with the relief of the mean face, and the baselines. What a
+tracker needs is imported when it is built."""
 
 
 def trackers_here() -> tuple[str, ...]:
