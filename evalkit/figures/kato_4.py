@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from evalkit.figures.compared import DPI
 from evalkit.figures.faces import SKIN, Face, areas, drawn, front
 from evalkit.figures.files import raster
 from evalkit.figures.scenes import XYZ, local_triangles
@@ -39,6 +38,7 @@ REACH_MM = 34.0
 """Rows are kept of the skin so far from there; beyond, nothing moves that could be seen."""
 
 HALF_MM = 20.0
+DPI = 136
 TURNED, SMALL = (0.84, 0.1, 0.1), (0.96, 0.68, 0.15)
 
 
@@ -110,18 +110,19 @@ def draw(table: Table) -> Any:
         colours = np.tile(SKIN, (len(triangles), 1))
         colours[collapsed], colours[turned] = SMALL, TURNED
         edges = np.unique(np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0)
-        faces.append(Face(places, triangles, (), colours, edges, 1.0))
+        faces.append(Face(places, triangles, (), colours, edges, 1.4))
         here = counts[(counts["blend"] == shape) & (counts["times"] == SHOWN)]
-        told = "\n".join(f"{int(here[what].iloc[0])} {what}" for what in COUNTS) if len(here) else f"{shape}\n"
+        told = ", ".join(f"{int(here[what].iloc[0])} {what}" for what in COUNTS) if len(here) else shape
         titles.append(f"({letter}) {name}\n{told}")
-    made = Figure(figsize=(PAGE_IN, 2.3))
-    made.subplots_adjust(0.01, 0.18, 0.99, 0.84, wspace=0.06)
-    *grid, gap, curves = made.subplots(1, 6, gridspec_kw={"width_ratios": (1, 1, 1, 1, 0.25, 1.5)})
-    gap.set_axis_off()
-    for axes, picture, title in zip(grid, drawn(faces, 4, SPOT_MM, HALF_MM), titles, strict=True):
+    made = Figure(figsize=(PAGE_IN, 4.5))
+    made.subplots_adjust(0.0, 0.01, 0.99, 0.93, wspace=0.04, hspace=0.22)
+    layout = made.add_gridspec(2, 4, width_ratios=(1.0, 1.0, 0.25, 1.1))
+    for k, (picture, title) in enumerate(zip(drawn(faces, 4, SPOT_MM, HALF_MM), titles, strict=True)):
+        axes = made.add_subplot(layout[k // 2, k % 2])
         axes.imshow(picture)
         axes.set_axis_off()
         axes.set_title(title, loc="center", fontsize=7)
+    curves = made.add_axes((0.68, 0.38, 0.3, 0.5))
     for blend, colour in zip(BLENDS, (VERMILION, BLUE), strict=True):
         part = counts[counts["blend"] == blend].sort_values("times")
         for what, line, sign in zip(COUNTS, ("-", "--"), "os", strict=True):
@@ -129,5 +130,5 @@ def draw(table: Table) -> Any:
                 part["times"], part[what], color=colour, linestyle=line, marker=sign, label=f"{BLENDS[blend]}, {what}"
             )
     curves.set(xlabel="coefficient of both examples", ylabel="triangles", title="(e)")
-    made.legend(*curves.get_legend_handles_labels(), loc="lower left", ncols=2, bbox_to_anchor=(0.2, 0.0))
+    curves.legend(loc="upper left", bbox_to_anchor=(0.0, -0.2))
     return raster(made, DPI)
