@@ -17,6 +17,7 @@ from evalkit.cli.methods import methods
 from evalkit.cli.regress import regress
 from evalkit.cli.study import study
 from evalkit.cli.synth import synth
+from evalkit.cli.track import track
 from evalkit.cli.transfer import transfer
 from evalkit.errors import EvalkitError
 
@@ -30,7 +31,7 @@ def app() -> None:
     """Facial motion capture from raw markers to expression-only motion, measured at every step."""
 
 
-for command in (demo, compensate, animate, transfer, bench, synth, study, figures, regress, head, methods):
+for command in (demo, compensate, animate, track, transfer, bench, synth, study, figures, regress, head, methods):
     app.add_command(command)
 
 

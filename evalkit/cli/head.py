@@ -115,7 +115,8 @@ def fit(
     with working("reading the photo"):
         picture = read_photo(photo)
     with working("finding the face"):
-        chosen = propose_points(picture, _eyes(eyes), weights) if points is None else read_points(points, picture)
+        placed = None if eyes is None else eyes_of(eyes)
+        chosen = propose_points(picture, placed, weights) if points is None else read_points(points, picture)
     with working("making the head"):
         generic = load_head(head_name)
     with working("fitting it"):
@@ -168,9 +169,8 @@ def edit(
     serve(photo, points, generic, output, port, show=not no_browser, tell=click.echo)
 
 
-def _eyes(text: str | None) -> list[list[float]] | None:
-    if text is None:
-        return None
+def eyes_of(text: str) -> list[list[float]]:
+    """Both eyes out of x,y,x,y, pixels."""
     try:
         x1, y1, x2, y2 = (float(part) for part in text.split(","))
     except ValueError:

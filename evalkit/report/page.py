@@ -93,7 +93,7 @@ def write_report(
     view = View.of(take, result)
     leak = expression_leak(take, result) if leak is None else leak
     name = title or (Path(source).name if source is not None else "Head motion of a take")
-    page = _template().render(
+    page = page_template().render(
         title=name,
         headline=words.headline(result, view.left_out > 0),
         cards=_cards(view, leak),
@@ -134,7 +134,7 @@ def write_report(
         outer=result.outer,
         provenance=provenance,
     )
-    _write(path, page)
+    write_page(path, page)
 
 
 def write_pictures(take: Capture, result: Compensation, folder: str | Path) -> list[str]:
@@ -163,13 +163,16 @@ def write_pictures(take: Capture, result: Compensation, folder: str | Path) -> l
     return []
 
 
-def _template() -> jinja2.Template:
+def page_template(name: str = "report.html.j2") -> jinja2.Template:
+    """A page of this folder, with the filters that pages use."""
     environment = jinja2.Environment(
-        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
+        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True,
+        loader=jinja2.FunctionLoader(
+            lambda file: resources.files("evalkit.report").joinpath(file).read_text(encoding="utf-8")
+        ),
+    )  # fmt: skip
     environment.filters.update(number=words.number, coordinate=words.coordinate)
-    text = resources.files("evalkit.report").joinpath("report.html.j2").read_text(encoding="utf-8")
-    return environment.from_string(text)
+    return environment.get_template(name)
 
 
 def _plotly() -> Markup:
@@ -179,7 +182,7 @@ def _plotly() -> Markup:
     return Markup(get_plotlyjs().replace("</script", "<\\/script"))
 
 
-def _write(path: Path, page: str) -> None:
+def write_page(path: Path, page: str) -> None:
     """Whole or not at all."""
     stage = path.with_name(f".{path.name}.{os.getpid()}")
     try:
