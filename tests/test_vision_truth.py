@@ -30,7 +30,7 @@ from evalkit.studies.picture_faults import clutter, compressed, covered, gains, 
 from evalkit.studies.tracked import turn_angles_deg
 from evalkit.vision.parameters import control_parameters, eye_distance, normalise
 
-MANIFEST = Path(__file__).resolve().parents[1] / "data" / "synthetic" / "videos.json"
+MANIFEST = Path(__file__).resolve().parents[1] / "data" / "videos" / "MANIFEST.json"
 
 PLAIN = VideoParameters(head="template-small", frames=6, expression=0.0, light="even", noise=0.0, crf=0)
 
@@ -265,7 +265,7 @@ def test_every_head_has_its_points_where_they_belong():
 
 
 def test_the_manifest_is_what_the_generator_makes():
-    """After a deliberate change: python -m evalkit.studies.filmed > data/synthetic/videos.json."""
+    """After a deliberate change: python -m evalkit.studies.filmed > data/videos/MANIFEST.json."""
     kept = json.loads(MANIFEST.read_text(encoding="utf-8"))
     assert kept == json.loads(json.dumps(manifest()))
     assert [video["preset"] for video in kept["videos"]] == list(VIDEO_PRESETS)
