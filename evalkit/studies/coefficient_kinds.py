@@ -2,7 +2,10 @@
 
 Question: should coefficients be free, non-negative, sum to one, or be both, and what does the ridge do?
 
-Finding: to be measured.
+Finding: with the small budget so far (1 of the 2 seeds, template, own four examples), over the rough shapes: ridge
+0.42, non-negative 0.41, convex 0.43, sum to one 0.48. With hardly a ridge coefficients reach 245 at an error of 0.43,
+which the paper's method survives because blended mappings are limited; with 0.1 in place of 0.001 they reach 1.3 at
+0.42.
 
 Command: ``evalkit study run coefficient-kinds --budget full``.
 """
@@ -97,7 +100,7 @@ study = Study(
         mean("largest", "largest coefficient", ""),
         mean("negative_percent", "negative", "%", less=None),
     ),
-    full=Budget(seeds=3),
+    full=Budget(seeds=2),
     small=Budget(seeds=1, axes={"character": ("template",), "examples": (OWN,)}),
     applies=where_present(ROUGH),
 )

@@ -2,7 +2,9 @@
 
 Question: how near do Character Transfer and its baselines come to what the sculptor made?
 
-Finding: to be measured.
+Finding: with the small budget so far (1 of the 2 seeds, template), over the rough shapes: the paper's method 0.42,
+differences of positions 0.36, one factor for all 0.85. The paper's 0.17 is not reached; differences of positions, the
+simple baseline, are better.
 
 Command: ``evalkit study run transfer-methods --budget full``.
 """
@@ -58,7 +60,7 @@ study = Study(
         over_method("position deltas, one region"),
         over_method("hand-drawn regions"),
     ),
-    full=Budget(seeds=3),
+    full=Budget(seeds=2),
     small=Budget(
         seeds=1, axes={"character": ("template",)}, methods=(ROUGH, "gain", "position deltas", "character transfer")
     ),
