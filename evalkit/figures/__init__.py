@@ -59,6 +59,16 @@ MODULES = (
     "kato_5",
     "kato_7",
     "kato_8",
+    "kato_table_1",
+    "kato_table_2",
+    "two_artists",
+    "training_size",
+    "region_count",
+    "blend_kinds",
+    "coefficient_kinds",
+    "unlike_expressions",
+    "left_or_right_mapping",
+    "example_choice",
 )
 """Files of this folder that are figures, in the order of the paper that they would make; ``figures`` is the table of
 them, name to module. They are imported when it is first looked at."""
