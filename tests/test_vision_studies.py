@@ -17,6 +17,7 @@ from evalkit.studies.filmed_heads import missing_head
 from evalkit.studies.tracked import Tracked, heads_here, score_pose, score_turn, track, trackers_here
 from evalkit.study.description import Budget
 from evalkit.study.runner import run
+from evalkit.vision import trackers
 from evalkit.vision.camera import Camera
 from evalkit.vision.points import FACE_POINTS, mean_face_points
 from evalkit.vision.tracker import TrackStatus
@@ -135,12 +136,12 @@ def test_a_detectors_head_is_placed_where_its_points_are():
 
 
 def test_what_is_missing_is_left_out_and_named(monkeypatch):
-    monkeypatch.setattr(tracked, "find_spec", lambda name: None if name == "mediapipe" else object())
+    monkeypatch.setattr(trackers, "find_spec", lambda name: None if name == "mediapipe" else object())
     assert "mediapipe" not in trackers_here() and "pyrlk" in trackers_here()
-    assert "mediapipe (mediapipe is missing" in tracked.left_out()
-    monkeypatch.setattr(tracked, "find_spec", lambda name: None)
+    assert "mediapipe (MediaPipe is missing" in tracked.left_out()
+    monkeypatch.setattr(trackers, "find_spec", lambda name: None)
     assert not trackers_here()
-    with pytest.raises(EvalkitError, match=r"no tracker can run here.*opencv-python-headless") as caught:
+    with pytest.raises(EvalkitError, match=r"no tracker can run here.*OpenCV is missing") as caught:
         heads_here("head-pose", ["template-small"])
     assert "\n" not in str(caught.value)
 

@@ -27,7 +27,7 @@ from evalkit.studies.filmed import (
 )
 from evalkit.studies.filmed_heads import ASTRONAUT_POINTS, filmed_face, point_sources, wearing_photo
 from evalkit.studies.picture_faults import clutter, compressed, covered, gains, occluder_sprite, sensed
-from evalkit.studies.tracked import turn_angles_deg
+from evalkit.vision.angles import head_angles_deg
 from evalkit.vision.parameters import control_parameters, eye_distance, normalise
 
 MANIFEST = Path(__file__).resolve().parents[1] / "data" / "videos" / "MANIFEST.json"
@@ -110,7 +110,7 @@ def test_the_head_starts_anywhere_near_straight_and_goes_as_far_as_it_is_told():
     starts, reached = [], []
     for seed in range(8):
         truth = made(replace(PLAIN, frames=90, range_deg=(10.0, 30.0, 5.0)), seed)
-        angles = turn_angles_deg(truth.rotations)
+        angles = head_angles_deg(truth.rotations)
         starts.append(angles[0])
         reached.append(np.abs(angles).max(axis=0))
         assert np.abs(np.linalg.det(truth.rotations) - 1.0).max() < 1e-12
@@ -141,7 +141,7 @@ def test_what_does_not_move_has_no_parameters_and_what_acts_has():
         return truth, normalise(control_parameters(truth.face_mm[..., :2], unit), base)
 
     turning, still = parameters("video-turning")
-    assert np.abs(still).max() < 1e-9 and np.abs(turn_angles_deg(turning.rotations)[:, 1]).max() > 15.0
+    assert np.abs(still).max() < 1e-9 and np.abs(head_angles_deg(turning.rotations)[:, 1]).max() > 15.0
     jaw, acted = parameters("video-jaw")
     assert np.ptp(jaw.rotations, axis=0).max() == 0.0
     # The lips part by more than half of their distance at rest, and nothing happens to the brows.
@@ -292,7 +292,7 @@ def test_files_hold_the_video_its_truth_and_the_points(tmp_path):
         assert np.array_equal(stored["rotations"], video.truth.rotations)
         assert np.array_equal(stored["face_mm"], video.truth.face_mm)
     table = np.loadtxt(tmp_path / "video-talking.truth.csv", delimiter=",", skiprows=1)
-    assert np.abs(table[:, [2, 3, 4]] - turn_angles_deg(video.truth.rotations)).max() < 1e-5
+    assert np.abs(table[:, [2, 3, 4]] - head_angles_deg(video.truth.rotations)).max() < 1e-5
     about = json.loads((tmp_path / "video-talking.json").read_text())
     assert about["seed"] == 3 and about["sha256_of_truth"] == video.truth.digest()
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
@@ -17,62 +16,21 @@ from numpy.typing import NDArray
 
 from evalkit.errors import EvalkitError
 from evalkit.geometry import Array, rotation_angle
-from evalkit.head.detector import WEIGHTS_NAME, WEIGHTS_VARIABLE, landmarker_weights
 from evalkit.metrics import rms, rotation_error_deg
 from evalkit.studies.filmed import FilmedHead
 from evalkit.studies.filmed_heads import missing_head
 from evalkit.study.description import Scalar
 from evalkit.study.statistics import Statistic, largest, mean, relative_to
+from evalkit.vision.angles import AXES, head_angles_deg
 from evalkit.vision.tracker import HeadTracker, TrackStatus
+from evalkit.vision.trackers import missing, trackers
 
 NEAR_DEG = 5.0
 """A head is recovered when its pose is this near to the truth: what the trackers' errors stay below otherwise."""
 
 
-def missing(method: str) -> str:
-    """What a tracker lacks on this machine, in one line; empty if nothing."""
-    if find_spec("cv2") is None:
-        return "OpenCV is missing: pip install opencv-python-headless"
-    if method != "mediapipe":
-        return ""
-    if find_spec("mediapipe") is None:
-        return "mediapipe is missing: pip install 'evalkit[vision]'"
-    try:
-        landmarker_weights()
-    except EvalkitError:
-        return f"its weights are missing: name {WEIGHTS_NAME} in {WEIGHTS_VARIABLE}"
-    return ""
-
-
-def _cylinder() -> HeadTracker:
-    from evalkit.vision.cylinder import CylinderTracker
-
-    return CylinderTracker()
-
-
-def _face_surface() -> HeadTracker:
-    from evalkit.vision.cylinder import CylinderTracker, Settings
-
-    return CylinderTracker(Settings(surface="face"))
-
-
-def _pyrlk() -> HeadTracker:
-    from evalkit.vision.pyrlk import PyrLkTracker
-
-    return PyrLkTracker()
-
-
-def _mediapipe() -> HeadTracker:
-    from evalkit.vision.landmarker import LandmarkerTracker
-
-    return LandmarkerTracker()
-
-
-TRACKERS: dict[str, Callable[[], HeadTracker]] = {
-    "cylinder": _cylinder, "face-surface": _face_surface, "pyrlk": _pyrlk, "mediapipe": _mediapipe,
-}  # fmt: skip
-"""Name -> what builds the tracker: the cylinder, the same with the relief of the mean face, and the baselines. What a
-tracker needs is imported when it is built."""
+TRACKERS: dict[str, Callable[[], HeadTracker]] = {name: method.build for name, method in trackers.items()}
+"""Name -> what builds the tracker."""
 
 
 def trackers_here() -> tuple[str, ...]:
@@ -128,19 +86,6 @@ def since_first(rotations: Array) -> Array:
     """Turns (F, 3, 3) since the first frame, in the camera's axes."""
     return np.asarray(rotations @ rotations[0].T)
 
-
-def turn_angles_deg(rotations: Array) -> Array:
-    """Pitch, yaw and roll (F, 3) of ``R = R_y(yaw) R_x(pitch) R_z(roll)``, degrees; NaN where there is no rotation."""
-    from scipy.spatial.transform import Rotation
-
-    known = np.isfinite(rotations).all(axis=(1, 2))
-    out = np.full((len(rotations), 3), np.nan)
-    if known.any():
-        out[known] = Rotation.from_matrix(rotations[known]).as_euler("YXZ", degrees=True)[:, [1, 0, 2]]
-    return out
-
-
-AXES = ("pitch", "yaw", "roll")
 
 POSE_COLUMNS = {
     **{
@@ -205,7 +150,7 @@ def score_turn(data: FilmedHead, rotations: Array) -> dict[str, float]:
 
 
 def _turn_errors_deg(turned: Array, true: Array) -> Array:
-    apart = turn_angles_deg(turned) - turn_angles_deg(true)
+    apart = head_angles_deg(turned) - head_angles_deg(true)
     return np.asarray((apart + 180.0) % 360.0 - 180.0)
 
 

@@ -15,6 +15,7 @@ from evalkit.errors import EvalkitError
 from evalkit.geometry import Array
 from evalkit.head.detector import DETECTED, Face, landmarker
 from evalkit.vision.camera import Camera
+from evalkit.vision.initial import mean_cylinder
 from evalkit.vision.points import face_points, mean_face_points
 from evalkit.vision.tracker import LOST, HeadPose, Picture, TrackStatus
 
@@ -48,7 +49,7 @@ class LandmarkerTracker:
         nearest = int(np.argmin([np.linalg.norm(points.mean(axis=0) - self._at) for points in seen]))
         self._at = seen[nearest].mean(axis=0)
         rotation = np.asarray(faces[nearest].rotation, dtype=np.float64)
-        translation = placed(rotation, mean_face_points(), seen[nearest], self._camera)
+        translation = placed(rotation, mean_face_points() - mean_cylinder()[0], seen[nearest], self._camera)
         if not np.isfinite(rotation).all() or translation[2] >= 0:
             return LOST
         return HeadPose(rotation, translation, TrackStatus.TRACKED, 1.0)

@@ -18,6 +18,7 @@ from evalkit.errors import EvalkitError
 from evalkit.geometry import Array
 from evalkit.head.places import all_landmarks
 from evalkit.vision.camera import Camera
+from evalkit.vision.initial import mean_cylinder
 from evalkit.vision.points import mean_face_points
 from evalkit.vision.tracker import LOST, HeadPose, Picture, TrackStatus
 
@@ -129,7 +130,8 @@ class PyrLkTracker:
 
     def _answer(self, rotation: Array, centre: Array, share: float) -> HeadPose:
         status = TrackStatus.TRACKED if share >= FIRM_SHARE else TrackStatus.WEAK
-        return HeadPose(TO_CAMERA @ rotation @ TO_CAMERA, TO_CAMERA @ centre, status, float(share))
+        turned = TO_CAMERA @ rotation @ TO_CAMERA
+        return HeadPose(turned, TO_CAMERA @ centre + turned @ mean_cylinder()[0], status, float(share))
 
 
 def _followed(
