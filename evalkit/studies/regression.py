@@ -9,7 +9,7 @@ changed.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -22,8 +22,10 @@ from evalkit.head.fitting import fit_head
 from evalkit.metrics import expression_error_mm, rms, rotation_error_deg
 from evalkit.pivot import Pivot, pivot_estimators
 from evalkit.pose import Pose, pose_estimators, reference_pose
+from evalkit.seeds import generator
 from evalkit.studies.persons import Person, blank_photo, face_off_mm, landmarks_off_mm, person
 from evalkit.studies.takes import PAPER, HeadTake, estimate_pivot, head_take, own, score_pivot, told
+from evalkit.studies.transfers import Task, acted_by, over, own_training, rms_mm, run_method
 from evalkit.study.command import script
 from evalkit.study.description import Budget, Condition, Study
 from evalkit.study.statistics import root_mean_square
@@ -52,6 +54,14 @@ FITS: dict[str, Callable[[Head, FitReport, Person], float]] = {
 }
 """Measures of a fit to a photo: pixels at the points, then mm from the person's head, across and along the view."""
 
+CHARACTER = "character"
+"""The preset that is no take either: a character whose sculptor is known."""
+
+TRANSFERS = ("character transfer", "local regression", "position deltas")
+"""Ways from rough to fine shapes; their error is told over that of the rough shapes."""
+
+NEW_SHAPES = 8
+
 
 @dataclass(frozen=True, eq=False)
 class Found:
@@ -63,8 +73,12 @@ class Found:
     error: float | None = None
 
 
-def prepare(seed: int, preset: str) -> HeadTake | Person:
-    """A short take, or a person."""
+def prepare(seed: int, preset: str) -> HeadTake | Person | Task:
+    """A short take, a person, or a character with its own examples and some shapes to be made."""
+    if preset == CHARACTER:
+        task = own_training(acted_by("template", seed), seed)
+        some = generator("shapes of the gate", seed=seed).choice(task.new, NEW_SHAPES, replace=False)
+        return replace(task, new=some)
     return person(seed, PERSON_VERTICES, FAR_MM) if preset == PERSON else head_take(preset, seed, frames=300)
 
 
@@ -74,9 +88,15 @@ def fitted(who: Person) -> tuple[Head, FitReport]:
     return fit_head(blank_photo(who), who.points, who.generic, picture=False)
 
 
-def run(data: HeadTake | Person, method: str) -> Found:
-    """One method: ``rotation NAME``, ``pivot NAME``, ``expression NAME``, or the measure ``fit NAME`` of a fit."""
+def run(data: HeadTake | Person | Task, method: str) -> Found:
+    """One method.
+
+    ``rotation NAME``, ``pivot NAME``, ``expression NAME``, ``transfer NAME``, or the measure ``fit NAME`` of a fit.
+    """
     kind, _, name = method.partition(" ")
+    if isinstance(data, Task):
+        off, rough = rms_mm(run_method(data, name) - data.fine), rms_mm(data.rough - data.fine)
+        return Found(error=over(off, rough))
     if isinstance(data, Person):
         return Found(error=FITS[name](*fitted(data), data))
     if kind == "rotation":
@@ -88,9 +108,9 @@ def run(data: HeadTake | Person, method: str) -> Found:
     return Found(points=compensate(data.take, **options).capture.points)
 
 
-def score(data: HeadTake | Person, found: Found) -> dict[str, Any]:
+def score(data: HeadTake | Person | Task, found: Found) -> dict[str, Any]:
     """The error that the method is about."""
-    if isinstance(data, Person):
+    if not isinstance(data, HeadTake):
         return {"error": found.error}
     truth = data.truth
     if found.pose is not None:
@@ -103,8 +123,9 @@ def score(data: HeadTake | Person, found: Found) -> dict[str, Any]:
 def applies(condition: Condition, method: str) -> bool:
     """What is slow, on the one preset that it is about."""
     kind, _, name = method.partition(" ")
-    if condition["preset"] == PERSON or kind == "fit":
-        return condition["preset"] == PERSON and kind == "fit"
+    for own_preset, own_kind in ((PERSON, "fit"), (CHARACTER, "transfer")):
+        if condition["preset"] == own_preset or kind == own_kind:
+            return condition["preset"] == own_preset and kind == own_kind
     if name == "auto":
         return condition["preset"] == "skin"
     return kind != "pivot" or name in QUICK or condition["preset"] == "talking"
@@ -116,19 +137,20 @@ study = Study(
     name="regression",
     question=_question,
     finding=_finding,
-    axes={"preset": ("talking", "sway", "small-motion", "gaps", "outliers", "skin", PERSON)},
+    axes={"preset": ("talking", "sway", "small-motion", "gaps", "outliers", "skin", PERSON, CHARACTER)},
     methods=(
         *(f"rotation {name}" for name in own(pose_estimators)),
         *(f"pivot {name}" for name in (PAPER, *own(pivot_estimators))),
         *(f"expression {name}" for name in COMPENSATIONS),
         *(f"fit {name}" for name in FITS),
+        *(f"transfer {name}" for name in TRANSFERS),
     ),
     prepare=prepare,
     run=run,
     score=score,
     columns={
         "error": "rotation error, deg rms; pivot error, mm; expression error, mm rms; of a fit to a photo, "
-        "pixels rms or mm rms: as the method's name says",
+        "pixels rms or mm rms: as the method's name says; of a transfer, rms error over that of the rough shapes",
     },
     statistics=(root_mean_square("error", "error", ""),),
     full=Budget(seeds=12),

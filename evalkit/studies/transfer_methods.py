@@ -8,8 +8,8 @@ regions / differences of positions by region / local regression: template 0.42 /
 0.51 / 0.43 / 0.40, makehuman muzzle 0.65 / 0.68 / 0.68 / 0.66 (not yet measured with this budget: the two of
 ICT-FaceKit). The paper's 0.17 to Deformation Transfer is reached nowhere but by differences of positions on
 ``linear``, where they win by construction; the paper's 0.8 to hand-drawn regions nowhere (0.97 to 1.11). Differences
-of positions, the simple baseline, are better than the paper's method on five of the six, by 6 to 28 % besides
-``linear``; only on the makehuman muzzle is the paper's method ahead, by 5 %. Regions matter: one region has 0.53,
+of positions, the simple baseline, are better than the paper's method on five of the six, by 12 to 20 % besides
+``linear``; only on the makehuman muzzle is the paper's method ahead, by 4 %. Regions matter: one region has 0.53,
 0.37, 0.42, 0.74, 0.68 and 0.68, and lids and brows then get worse than they were. Example-based rigging stays at the
 rough shapes (0.99 to 1.00), one factor for all is 0.73 to 1.01. Local regression is the best on MakeHuman identities
 and never far off, but no better than differences of positions elsewhere. On the template, the muzzle and ``linear``
