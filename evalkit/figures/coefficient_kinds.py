@@ -15,7 +15,7 @@ from evalkit.figures.table import Table
 NAME = "coefficient-kinds"
 STUDY = "coefficient-kinds"
 
-PANELS = {"all over rough": "error over Deformation Transfer", "largest coefficient": "largest coefficient"}
+PANELS = {"all over rough": "error over that of rough shapes", "largest coefficient": "largest coefficient"}
 
 
 def draw(table: Table) -> Any:

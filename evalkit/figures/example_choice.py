@@ -23,7 +23,7 @@ def draw(table: Table) -> Any:
         f"{character},\n{look(transfer).name}": {"character": character, "transfer": transfer}
         for character, transfer in pairs
     }
-    rows = (Row("whole set over rough", "error over Deformation Transfer", log=False),)
+    rows = (Row("whole set over rough", "error over that of rough shapes", log=False),)
     made, panels = grid(table, "examples", "sculpted examples", rows, columns, 2.7)
     keyed(made, table, panels.ravel(), ncols=2)
     return made

@@ -2,8 +2,9 @@
 
 Root mean square over all vertices of all new expressions, four examples, mean over the seeds; (a) in cm where the inner
 corners of the eyes are 50 cm apart, (b) over the rough shapes. The darker, the more of the error is left. The first
-column is the paper's own character, whose data are not public: ratios compare, the rest differs by face and
-expressions. In the column "linear" position deltas are right by construction.
+column is the paper's own character, whose data are not public and whose rough shapes are by Deformation Transfer; here
+they are the face's own shapes before its sculptor, the muzzles' carried over by the warp that made them. In the column
+"linear" position deltas are right by construction.
 """
 
 from __future__ import annotations

@@ -19,7 +19,7 @@ STUDY = "region-count"
 def draw(table: Table) -> Any:
     """The figure."""
     columns = {str(name): {"character": name} for name in dict.fromkeys(table.rows["character"])}
-    rows = (Row("all over rough", "error over Deformation Transfer", log=False),)
+    rows = (Row("all over rough", "error over that of rough shapes", log=False),)
     made, panels = grid(table, "regions", "regions at most", rows, columns, 2.7)
     keyed(made, table, panels.ravel(), ncols=3)
     return made

@@ -96,7 +96,7 @@ LOOKS = {
     "wendland-c2": Look("Wendland C2", GREY, "d"),
     "shepard": Look("Shepard", GREY, "*", "--"),
     # Character Transfer
-    "rough": Look("Deformation Transfer", BLACK, "", "--"),
+    "rough": Look("rough shapes as they are", BLACK, "", "--"),
     "gain": Look("one gain", GREY, "s", ":"),
     "position deltas": Look("position deltas", GREEN, "^"),
     "position deltas, one region": Look("position deltas, one region", GREEN, "v", "--"),

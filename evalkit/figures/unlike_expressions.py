@@ -29,7 +29,7 @@ def draw(table: Table) -> Any:
         lines(panel, characters)
         panel.axvline(1.0, color="black", linestyle="--", linewidth=0.8)
         panel.set_title(title)
-        panel.set_xlabel("error over Deformation Transfer")
+        panel.set_xlabel("error over that of rough shapes")
     panels[0].set_ylabel("character")
     lettered(panels)
     keyed(made, table, (panels[0],), ncols=3)
