@@ -105,7 +105,7 @@ study = Study(
     finding=FINDING,
     axes={
         "character": ("template", *DIRECTIONS),
-        "transfer": ("gain", "position deltas, one region", "character transfer", "local regression"),
+        "transfer": ("gain", "position deltas of one region", "character transfer", "local regression"),
         "examples": (4, 8, 16),
     },
     methods=(RANDOM, CHOSEN),

@@ -66,7 +66,7 @@ study = Study(
         *STATISTICS,
         over_method("gain"),
         over_method("position deltas"),
-        over_method("position deltas, one region"),
+        over_method("position deltas of one region"),
         over_method("hand-drawn regions"),
     ),
     full=Budget(seeds=2),

@@ -44,7 +44,7 @@ from evalkit.transfer.methods import methods
 
 COUNTS = (2, 4, 8, 16)
 OURS = "local regression"
-SIMPLE = ("gain", "position deltas", "position deltas, one region")
+SIMPLE = ("gain", "position deltas", "position deltas of one region")
 
 
 def prepare(seed: int, direction: str, examples: int) -> Task:

@@ -110,7 +110,7 @@ methods: dict[str, Method] = {
     "rough": unchanged,
     "gain": gain,
     "position deltas": position_deltas(4),
-    "position deltas, one region": position_deltas(0),
+    "position deltas of one region": position_deltas(0),
     "one region": one_region,
     "hand-drawn regions": hand_drawn_regions,
     "example-based rigging": rigging,
