@@ -6,10 +6,10 @@ the draws. A choice has no draw: its interval is that of the characters' strengt
 
 from __future__ import annotations
 
+from textwrap import fill
 from typing import Any
 
-from evalkit.figures.grid import Row, grid
-from evalkit.figures.style import keyed, look
+from evalkit.figures.style import PAGE_IN, at_values, canvas, curve, keyed, lettered, looked
 from evalkit.figures.table import Table
 
 NAME = "example-choice"
@@ -18,12 +18,23 @@ STUDY = "example-choice"
 
 def draw(table: Table) -> Any:
     """The figure."""
-    pairs = dict.fromkeys(zip(table.rows["character"], table.rows["transfer"], strict=True))
-    columns = {
-        f"{character},\n{look(transfer).name}": {"character": character, "transfer": transfer}
-        for character, transfer in pairs
-    }
-    rows = (Row("whole set over rough", "error over that of rough shapes", log=False),)
-    made, panels = grid(table, "examples", "sculpted examples", rows, columns, 2.7)
+    rows = table.rows
+    characters, transfers = (list(dict.fromkeys(rows[axis])) for axis in ("character", "transfer"))
+    made, panels = canvas(
+        PAGE_IN, 1.0 + 1.4 * len(transfers), nrows=len(transfers), ncols=len(characters), sharex=True, sharey="row",
+        squeeze=False,
+    )  # fmt: skip
+    for line, transfer in zip(panels, transfers, strict=True):
+        for panel, character in zip(line, characters, strict=True):
+            at_values(panel, rows["examples"])
+            for method in looked(table.methods):
+                found = table.of("whole set over rough", method, character=character, transfer=transfer)
+                curve(panel, found, "examples", method)
+        line[0].set_ylabel(fill(f"{transfer}, over rough", 18))
+    for panel, character in zip(panels[0], characters, strict=True):
+        panel.set_title(str(character))
+    for panel in panels[-1]:
+        panel.set_xlabel("sculpted examples")
+    lettered(panels.ravel())
     keyed(made, table, panels.ravel(), ncols=2)
     return made

@@ -99,7 +99,7 @@ LOOKS = {
     "rough": Look("rough shapes as they are", BLACK, "", "--"),
     "gain": Look("one gain", GREY, "s", ":"),
     "position deltas": Look("position deltas", GREEN, "^"),
-    "position deltas, one region": Look("position deltas, one region", GREEN, "v", "--"),
+    "position deltas of one region": Look("position deltas of one region", GREEN, "v", "--"),
     "one region": Look("Character Transfer, one region", SKY, "s", "--"),
     "hand-drawn regions": Look("Character Transfer, hand-drawn regions", SKY, "D", "-."),
     "character transfer": Look("Character Transfer (the paper's)", BLUE, "o"),
@@ -117,7 +117,7 @@ LOOKS = {
     "right": Look("from the right", VERMILION, "X"),
     "left, true coefficients": Look("from the left, coefficients before turning", BLUE, "s", "--"),
     "right, true coefficients": Look("from the right, coefficients before turning", VERMILION, "P", "--"),
-    "random": Look("drawn at random", GREY, "s", "--"),
+    "random": Look("drawn at random", VERMILION, "s"),
     "chosen": Look("chosen", BLUE, "o"),
     # Seams
     "none": Look("no regions", GREY, "o"),
