@@ -200,16 +200,32 @@ def test_started_from_points():
     assert apart.mean() < 5.0
 
 
-@pytest.mark.parametrize("turn", [(0, 0, 0), (12, -25, 10), (-10, 30, -35)])
-def test_first_pose_of_the_mean_face(turn):
+def first_pose(turn):
+    """Rotation and translation of a mean face, and what its exact points give."""
     camera = Camera.assumed_for(360, 288)
     rotation = oracle.turns(*(np.array([angle]) for angle in turn))[0]
     translation = np.array([20.0, -10.0, -500.0])
     origin, _ = mean_cylinder()
     start = start_from_points(camera.project((mean_face_points() - origin) @ rotation.T + translation), camera)
-    # Least squares on exact data.
+    return rotation, translation, start
+
+
+@pytest.mark.parametrize("turn", [(0, 0, 0), (0, -25, 10), (0, 30, -35)])
+def test_first_pose_of_the_mean_face(turn):
+    rotation, translation, start = first_pose(turn)
+    # Least squares on exact data; the prior of the nod is at its middle.
     np.testing.assert_allclose(start.rotation, rotation, atol=1e-5)
     np.testing.assert_allclose(start.translation, translation, atol=0.01)
+
+
+@pytest.mark.parametrize("nod", [-12.0, 12.0])
+def test_first_pose_is_held_upright_a_little(nod):
+    rotation, _, start = first_pose((nod, -25.0, 10.0))
+    found = oracle.angles_deg(start.rotation[None])[0]
+    # Two standard deviations of the prior; the points still have most of the say.
+    assert 0.75 * abs(nod) < found[0] * np.sign(nod) < abs(nod)
+    # It is a prior of the nod alone; the turn is touched as far as a stretched face answers.
+    assert oracle.apart_deg(start.rotation[None], rotation[None])[0] < 0.25 * abs(nod)
 
 
 def test_points_that_are_no_face():

@@ -14,12 +14,13 @@ from typing import Literal
 import cv2
 import numpy as np
 
-from evalkit.geometry import Array, nearest_rotation, rotation_from_vector, rotation_vector
+from evalkit.geometry import Array, nearest_rotation, rotation_angle, rotation_from_vector, rotation_vector
 from evalkit.vision.camera import Camera
 from evalkit.vision.initial import Start, mean_face_surface, start_from_points
 from evalkit.vision.points import FACE_POINTS
 from evalkit.vision.references import Reference, distances_deg, make_reference, search, towards
 from evalkit.vision.registration import Fit, Template, View, judge, register
+from evalkit.vision.relief import KEY_DEG, MOST_KEYS, WIDEST_DEG, Relief
 from evalkit.vision.surface import Map, Surface
 from evalkit.vision.tracker import LOST, HeadPose, Picture, TrackStatus
 
@@ -75,7 +76,8 @@ class Settings:
         ``static``: the first frame is the only template. ``dynamic``: the template follows the last frame.
         ``references``: the same, and stored references undo its drift.
     surface : str
-        ``cylinder``, or ``face``: the smoothed depths of the mean face about it.
+        ``cylinder``; ``face``: the smoothed depths of the mean face about it; ``learnt``: these, corrected by what the
+        video shows (:mod:`evalkit.vision.relief`).
     normalised : bool
         Local contrast normalisation.
     robust : bool
@@ -85,7 +87,7 @@ class Settings:
     """
 
     update: Literal["static", "dynamic", "references"] = "references"
-    surface: Literal["cylinder", "face"] = "cylinder"
+    surface: Literal["cylinder", "face", "learnt"] = "cylinder"
     normalised: bool = True
     robust: bool = True
     recover: bool = True
@@ -105,7 +107,7 @@ class CylinderTracker:
     def start(self, frame: Picture, camera: Camera, points_px: Array) -> HeadPose:
         """Begin with a frame and the 19 points in it; see :meth:`evalkit.vision.tracker.HeadTracker.start`."""
         start = start_from_points(points_px, camera)
-        if self.settings.surface == "face":
+        if self.settings.surface != "cylinder":
             start = replace(start, surface=mean_face_surface(start.stretch))
         return self.start_at(frame, camera, start)
 
@@ -120,6 +122,8 @@ class CylinderTracker:
         first = make_reference(view, self.surface, camera, start.rotation, start.translation)
         self.references: list[Reference] = [first]
         self._template = first.template
+        usable = self._rigid[0] * first.template.weight[0]
+        self._relief = Relief(self.surface, camera, start.rotation, start.translation, usable)
         self._last: tuple[View, Fit] | None = None
         self._usual = USUAL_SCORE
         self._turn = 0
@@ -129,6 +133,18 @@ class CylinderTracker:
     def step(self, frame: Picture) -> HeadPose:
         """Pose of the next frame."""
         view = View(frame, self.camera)
+        fit = self._looked_for(view) if self._lost_for else self._followed(view)
+        self._weak_for = 0 if fit.score >= TRACKED_SCORE else self._weak_for + 1
+        if fit.score < (FOUND_SCORE if self._lost_for else LOST_SCORE) or self._weak_for > LONGEST_WEAK:
+            self._lost_for += 1
+            self._motion = np.zeros(3), np.zeros(3)
+            return LOST
+        self._keep(view, fit)
+        status = TrackStatus.TRACKED if fit.score >= TRACKED_SCORE else TrackStatus.WEAK
+        return HeadPose(fit.rotation, fit.translation, status, max(0.0, min(1.0, fit.score)))
+
+    def _followed(self, view: View) -> Fit:
+        """From where the head was in the last frame."""
         turn, move = self._motion
         fit = self._follow(view, self._rotation @ rotation_from_vector(turn), self._translation + move)
         if fit.score < TRACKED_SCORE:
@@ -138,14 +154,13 @@ class CylinderTracker:
             fit = max([fit, *self._close(view, fit)], key=_score)
         if fit.score < TRACKED_SCORE and self.settings.recover:
             fit = max(fit, self._search(view), key=_score)
-        self._weak_for = 0 if fit.score >= TRACKED_SCORE else self._weak_for + 1
-        if fit.score < (FOUND_SCORE if self._lost_for else LOST_SCORE) or self._weak_for > LONGEST_WEAK:
-            self._lost_for += 1
-            self._motion = np.zeros(3), np.zeros(3)
-            return LOST
-        self._keep(view, fit)
-        status = TrackStatus.TRACKED if fit.score >= TRACKED_SCORE else TrackStatus.WEAK
-        return HeadPose(fit.rotation, fit.translation, status, max(0.0, min(1.0, fit.score)))
+        return fit
+
+    def _looked_for(self, view: View) -> Fit:
+        """A lost head: where it was last, and all over the frame, take turns, so that no frame takes long."""
+        if self._lost_for % 2 or not self.settings.recover:
+            return self._follow(view, self._rotation, self._translation)
+        return self._search(view)
 
     def _near(self, rotation: Array, translation: Array) -> Reference | None:
         """The oldest reference near a pose: it carries the least error of others."""
@@ -214,12 +229,17 @@ class CylinderTracker:
         return self._template
 
     def _search(self, view: View) -> Fit:
-        """The best pose at which one of the references is found."""
+        """The best pose at which the reference whose turn it is is found; the first one has every other turn."""
+        self._turn += 1
+        others = self.references[1:]
+        reference = others[self._turn // 2 % len(others)] if others and self._turn % 2 else self.references[0]
         fits = [
-            self._register(view, reference.template, rotation, translation)
-            for reference in self._turns()
+            register(
+                view, self.surface, reference.template, self._rigid, rotation, translation, FAR_ITERATIONS,
+                self.settings.normalised, self.settings.robust,
+            )
             for rotation, translation in search(view, self.surface, self.camera, reference)
-        ]
+        ]  # fmt: skip
         nothing = judge(view, self.surface, self._template, self._rigid, self._rotation, self._translation)
         return max([*fits, replace(nothing, score=-1.0)], key=_score)
 
@@ -248,6 +268,27 @@ class CylinderTracker:
             and min(distances_deg(self.references, rotation, fit.translation)) > NEW_DEG
         ):
             self.references.append(make_reference(view, self.surface, self.camera, rotation, fit.translation))
+        if self.settings.surface == "learnt" and fit.score >= NEW_SCORE:
+            self._learn(view)
+
+    def _learn(self, view: View) -> None:
+        """Make a frame a key frame of the relief if it differs from the others, and go on with what it taught."""
+        relief, first = self._relief, self.references[0]
+        known = np.stack([first.rotation, *(key.rotation for key in relief.keys)])
+        apart = np.degrees(rotation_angle(known.transpose(0, 2, 1) @ self._rotation))
+        if len(relief.keys) >= MOST_KEYS or apart.min() < KEY_DEG or apart[0] > WIDEST_DEG:
+            return
+        key = relief.add(view, self.surface, first.template, self._rotation, self._translation)
+        relief.adjust()
+        self.surface = relief.surface()
+        self._rotation, self._translation = key.rotation, key.translation
+        adjusted = {id(key.view): key for key in relief.keys}
+        remade = []
+        for old in self.references:
+            pose = adjusted.get(id(old.view), old)
+            remade.append(make_reference(old.view, self.surface, self.camera, pose.rotation, pose.translation))
+        self.references = remade
+        self._template, self._last = view.template(self.surface, key.rotation, key.translation), None
 
 
 def _score(fit: Fit) -> float:

@@ -26,6 +26,10 @@ SCATTER_MM = 2.5
 LOOSE = {"upper lid": 1.5, "lower lid": 1.5, "brow": 2.0, "lip": 3.0, "mouth corner": 2.0}
 """Points that an expression moves scatter more, by these factors."""
 
+NOD_SD_DEG = 6.0
+"""Standard deviation of the first frame's nod: people look about at the camera. A long or short face, or a nose that
+points down, cannot be told from a nod by the points alone; this decides."""
+
 STRETCH_SD = 0.06
 """Standard deviation of a person's height and depth of face relative to its width, as a fraction."""
 
@@ -139,16 +143,18 @@ def start_from_points(points_px: Array, camera: Camera) -> Start:
         return mean * [1.0, np.exp(x[6]), np.exp(x[7])]
 
     def misses(x: Array) -> Array:
-        placed = shape(x) @ rotation_from_vector(x[:3]).T + x[3:6]
+        rotation = rotation_from_vector(x[:3])
+        placed = shape(x) @ rotation.T + x[3:6]
         z = np.minimum(placed[:, 2:], -1.0)
         seen = np.array(camera.centre_px) + camera.focal_px * placed[:, :2] * [-1.0, 1.0] / z
         # Pixels as mm at the face.
         apart = (seen - pixels) * (depth / camera.focal_px) / (SCATTER_MM * scatter[:, None])
-        return np.concatenate([apart.ravel(), x[6:] / STRETCH_SD])
+        nod = np.arcsin(rotation[1, 2])
+        return np.concatenate([apart.ravel(), [nod / np.radians(NOD_SD_DEG)], x[6:] / STRETCH_SD])
 
     found = least_squares(misses, first, loss="soft_l1", x_scale=[0.1, 0.1, 0.1, 5.0, 5.0, 20.0, 0.05, 0.05])
     x = found.x
-    apart = misses(x)[:-2]
+    apart = misses(x)[: pixels.size]
     rotation = rotation_from_vector(x[:3])
     if float(np.sqrt((apart**2).mean())) > MOST_SCATTER or rotation[2, 2] < 0.2 or x[5] > -1.0:
         raise EvalkitError(

@@ -40,6 +40,7 @@ class Reference:
 
     Attributes
     ----------
+    view : View
     rotation, translation : ndarray
     turn : ndarray, shape (3, 3)
         The rotation against the line of sight.
@@ -50,6 +51,7 @@ class Reference:
         Pixels of the patch per pixel of the frame.
     """
 
+    view: View
     rotation: Array
     translation: Array
     turn: Array
@@ -72,7 +74,7 @@ def make_reference(view: View, surface: Surface, camera: Camera, rotation: Array
     )
     template = view.template(surface, rotation, translation)
     turn = towards(translation).T @ rotation
-    return Reference(rotation, translation, turn, template, np.asarray(patch, dtype=np.float32), scale)
+    return Reference(view, rotation, translation, turn, template, np.asarray(patch, dtype=np.float32), scale)
 
 
 def distances_deg(references: Sequence[Reference], rotation: Array, translation: Array) -> list[float]:

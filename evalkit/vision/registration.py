@@ -131,6 +131,10 @@ class View:
             self._levels.append(cv2.pyrDown(self._levels[-1]).astype(np.float32, copy=False))
         return self._levels[level]
 
+    def project(self, grid: Grid, rotation: Array, translation: Array) -> Array:
+        """Pixels (H, W, 2) of a surface's places at a pose."""
+        return self._camera.project(grid.points @ rotation.T + translation).reshape(*grid.shape, 2)
+
     def unwrap(self, grid: Grid, rotation: Array, translation: Array) -> tuple[Map, Map]:
         """Grey levels (H, W) of a surface at a pose, and whether each place is inside of the picture (0 or 1)."""
         camera = self._camera
@@ -191,10 +195,10 @@ class LocalContrast:
         self._x, self._y = np.broadcast_to(side, weight.shape), np.broadcast_to(side[:, None], weight.shape)
         x, y = self._x, self._y
         self._wx, self._wy = weight * x, weight * y
-        m, mx, my = (_mean(values, self._size) for values in (weight, self._wx, self._wy))
+        m, mx, my = (box_mean(values, self._size) for values in (weight, self._wx, self._wy))
         self._mass = m + np.float32(1e-3)
         mx, my = mx / self._mass, my / self._mass
-        xx, xy, yy = (_mean(weight * values, self._size) / self._mass for values in (x * x, x * y, y * y))
+        xx, xy, yy = (box_mean(weight * values, self._size) / self._mass for values in (x * x, x * y, y * y))
         # Moments about the middle of what the window sees; the floor keeps a window with a sliver from a steep plane.
         floor = np.float32(0.002)
         xx, xy, yy = xx - mx * mx + floor, xy - mx * my, yy - my * my + floor
@@ -207,11 +211,11 @@ class LocalContrast:
     def __call__(self, texture: Map) -> Map:
         """Texture (H, W) normalised; 0 outside of the mask."""
         size, mass, w = self._size, self._mass, self._weight
-        mean = _mean(w * texture, size) / mass
-        along_x = _mean(self._wx * texture, size) / mass - self._mx * mean
-        along_y = _mean(self._wy * texture, size) / mass - self._my * mean
+        mean = box_mean(w * texture, size) / mass
+        along_x = box_mean(self._wx * texture, size) / mass - self._mx * mean
+        along_y = box_mean(self._wy * texture, size) / mass - self._my * mean
         rest = texture - (mean + self._cx * along_x + self._cy * along_y)
-        variance = _mean(w * rest * rest, size) / mass
+        variance = box_mean(w * rest * rest, size) / mass
         return (rest / np.sqrt(variance + np.float32(CONTRAST_FLOOR**2))) * (w > 0)
 
 
@@ -226,7 +230,8 @@ class Plain:
         return (texture - np.float32(128.0)) / np.float32(40.0) * self._seen
 
 
-def _mean(values: Map, size: int) -> Map:
+def box_mean(values: Map, size: int) -> Map:
+    """Mean over a square window about each place, of an odd size; 0 beyond the rim."""
     mean = cv2.boxFilter(values, -1, (size, size), borderType=cv2.BORDER_CONSTANT)
     return mean.astype(np.float32, copy=False)
 
@@ -238,10 +243,10 @@ def _odd(size: float) -> int:
 def agreement_of(seen: Map, texture: Map, weight: Map) -> tuple[Map, Map]:
     """Correlation of two textures in a window about each place, and how much texture there is to compare."""
     size = _odd(AGREEMENT_WINDOW * len(texture))
-    product = _mean(weight * seen * texture, size)
-    energy = _mean(weight * texture * texture, size)
-    other = _mean(weight * seen * seen, size)
-    mass = _mean(weight, size) + np.float32(1e-3)
+    product = box_mean(weight * seen * texture, size)
+    energy = box_mean(weight * texture * texture, size)
+    other = box_mean(weight * seen * seen, size)
+    mass = box_mean(weight, size) + np.float32(1e-3)
     # The floor keeps windows without texture from a correlation of noise.
     return product / np.sqrt((energy + 0.05 * mass) * (other + 0.05 * mass)), energy / mass
 
@@ -287,7 +292,7 @@ def register(
         common = template.weight[level] * facing(grid, sight) * view.unwrap(grid, rotation, translation)[1]
         normalise = LocalContrast(common) if normalised else Plain(common)
         texture = normalise(template.texture[level])
-        gradient = _gradients(texture)
+        gradient = gradients(texture)
         slides = _slides(grid, sight)
         base = common * rigid[level]
         for _ in range(iterations[level]):
@@ -355,7 +360,7 @@ def _slides(grid: Grid, sight: Map) -> tuple[Map, Map]:
     return out[0], out[1]
 
 
-def _gradients(texture: Map) -> tuple[Map, Map]:
+def gradients(texture: Map) -> tuple[Map, Map]:
     """Differences along columns and rows, smoothed across: noise in them would pass for information."""
     across = cv2.Sobel(texture, -1, 1, 0, scale=0.125, borderType=cv2.BORDER_REPLICATE)
     down = cv2.Sobel(texture, -1, 0, 1, scale=0.125, borderType=cv2.BORDER_REPLICATE)
@@ -366,7 +371,7 @@ def _step(
     slides: tuple[Map, Map], seen: Map, texture: Map, gradient: tuple[Map, Map], weight: Map, damping: float
 ) -> Array:
     """One Gauss-Newton step: rotation vector (rad) and translation (mm) in the head's axes."""
-    across, down = _gradients(seen)
+    across, down = gradients(seen)
     across, down = 0.5 * (across + gradient[0]), 0.5 * (down + gradient[1])
     jacobian = slides[0] * across.ravel() + slides[1] * down.ravel()
     weighted = jacobian * weight.ravel()
