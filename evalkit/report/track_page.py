@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import matplotlib
 import numpy as np
+from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from evalkit.geometry import Array
@@ -199,7 +200,10 @@ def _parameter_plot(tracked: TrackedVideo) -> str:
     """The fifteen parameters against the face at rest, a small panel each."""
     values, spans = normalised_parameters(tracked), _spans(tracked)
     with matplotlib.rc_context(plots.STYLE):
-        made, axes = plots.figure(8.6, nrows=5, ncols=3, sharex=True)
+        # No layout engine: fitting fifteen panels to their labels takes longer than tracking ten seconds of video.
+        made = Figure(figsize=(plots.WIDTH_IN, 8.6))
+        axes = made.subplots(5, 3, sharex=True, gridspec_kw={"hspace": 0.38, "wspace": 0.27})
+        made.subplots_adjust(left=0.07, right=0.99, bottom=0.06, top=0.94)
         for ax, parameter, line in zip(axes.T.ravel(), PARAMETERS, values.T, strict=True):
             _shade(ax, spans)
             scale = 100.0 if parameter.unit == "iod" else 1.0
@@ -211,7 +215,7 @@ def _parameter_plot(tracked: TrackedVideo) -> str:
             ax.set_xlabel("time (s)")
             _limits(ax, tracked)
         if keys := _keys(spans):
-            made.legend(handles=keys, loc="outside upper right", ncols=2)
+            made.legend(handles=keys, loc="upper right", ncols=2)
         return plots.data_uri(made, 15 * min(len(tracked.times_s), 2 * plots.BINS))
 
 
