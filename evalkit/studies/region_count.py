@@ -2,9 +2,12 @@
 
 Question: how many regions should have coefficients of their own?
 
-Finding: with the small budget so far (1 of the 2 seeds, template), over the rough shapes: one region 0.53 and 16
-regions 0.42 by the paper's method, 0.52 and 0.36 by differences of positions. The lips gain nothing; lids and brows,
-which examples move together with the mouth, need regions of their own (brows 1.45 with one region, 0.27 with 16).
+Finding: with 2 seeds, over the rough shapes, for 1 / 2 / 4 / 8 / 16 / 32 regions: the paper's method 0.53 / 0.54 /
+0.45 / 0.48 / 0.42 / 0.40 on the template and 0.68 / 0.65 / 0.63 / 0.52 / 0.54 / 0.55 on MakeHuman identities,
+differences of positions 0.52 / 0.49 / 0.40 / 0.42 / 0.36 / 0.35 and 0.57 / 0.56 / 0.58 / 0.44 / 0.44 / 0.49. Sixteen
+are a fair choice; more are no better where shapes are many. The lips gain little; lids and brows, which examples move
+together with the mouth, need regions of their own (brows of the template 1.46 with one region, 0.27 with 16, by the
+paper's method).
 
 Command: ``evalkit study run region-count --budget full``.
 """
