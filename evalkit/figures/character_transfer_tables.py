@@ -19,7 +19,7 @@ def error_table(table: Table, paper_cm: Mapping[str, float], height_in: float) -
     """Means over the seeds; the first column is what the paper has, on a face and examples of its own."""
     characters = list(dict.fromkeys(table.rows["character"]))
     methods = looked(table.methods)
-    names = [PAPER, *(str(name).replace(" ", "\n", 1) for name in characters)]
+    names = [PAPER, *map(str, characters)]
     made, panels = canvas(PAGE_IN, height_in, ncols=2, sharey=True)
     for panel, (statistic, label) in zip(panels, PANELS.items(), strict=True):
         base = paper_cm[ROUGH] if statistic != "all" else 1.0
@@ -32,7 +32,7 @@ def error_table(table: Table, paper_cm: Mapping[str, float], height_in: float) -
         rough = values[methods.index(ROUGH)]
         heat(panel, values, [look(method).name for method in methods], names,
              np.clip(values / rough, 0.0, 1.2) / 1.2)  # fmt: skip
-        panel.set_xticks(panel.get_xticks(), names, rotation=45, ha="right")
+        panel.set_xticks(panel.get_xticks(), names, rotation=60, ha="right", rotation_mode="anchor")
         panel.axvline(1.0, color="black", linewidth=0.8)
         panel.set_title(label)
         panel.set_xlabel("character")
