@@ -124,6 +124,14 @@ LOOKS = {
     "hard": Look("hard seam", VERMILION, "X"),
     "ramp": Look("ramp", BLUE, "s"),
     "spline": Look("spline", GREEN, "^"),
+    # Head trackers
+    "cylinder": Look("cylinder", BLUE, "o"),
+    "face-surface": Look("cylinder with the mean face's relief", SKY, "s", "--"),
+    "pyrlk": Look("optical flow and PnP", ORANGE, "D"),
+    "mediapipe": Look("MediaPipe", GREY, "h"),
+    "static": Look("first frame", VERMILION, "X"),
+    "dynamic": Look("last frame", GREEN, "^"),
+    "references": Look("last frame, references", BLUE, "o"),
 }  # fmt: skip
 """A method keeps its look from figure to figure; those of other packages are grey."""
 
