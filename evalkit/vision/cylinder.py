@@ -141,7 +141,7 @@ class CylinderTracker:
             return LOST
         self._keep(view, fit)
         status = TrackStatus.TRACKED if fit.score >= TRACKED_SCORE else TrackStatus.WEAK
-        return HeadPose(fit.rotation, fit.translation, status, max(0.0, min(1.0, fit.score)))
+        return HeadPose(self._rotation, self._translation, status, max(0.0, min(1.0, fit.score)))
 
     def _followed(self, view: View) -> Fit:
         """From where the head was in the last frame."""

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from evalkit.geometry import Array, rotation_from_vector
+from evalkit.geometry import Array
 from evalkit.vision.camera import Camera
 from evalkit.vision.surface import LEVELS, Grid, Map, Surface
 from evalkit.vision.tracker import Picture
@@ -289,7 +289,8 @@ def register(
         grid = surface.grids[level]
         sight = sight_of(grid, rotation, translation)
         # One window of contrast for both, or what comes into sight at the rim would pull the middle along.
-        common = template.weight[level] * facing(grid, sight) * view.unwrap(grid, rotation, translation)[1]
+        front = facing(grid, sight)
+        common = template.weight[level] * front * view.unwrap(grid, rotation, translation)[1]
         normalise = LocalContrast(common) if normalised else Plain(common)
         texture = normalise(template.texture[level])
         gradient = gradients(texture)
@@ -303,11 +304,16 @@ def register(
                 weight = weight * _weights(seen, texture, weight)
             step = _step(slides, seen, texture, gradient, weight, COARSE_DAMPING if level else DAMPING)
             step *= OVER
-            rotation = rotation @ rotation_from_vector(step[:3])
+            rotation = rotation @ cv2.Rodrigues(step[:3])[0]
             translation = translation + rotation @ step[3:]
             if np.abs(step * UNITS).max() < LEAST_STEP * grid.spacing_mm:
                 break
-    return judge(view, surface, template, rigid, *_sane(start, rotation, translation), normalised)
+    if not _sane(rotation, translation):
+        return judge(view, surface, template, rigid, *start, normalised)
+    # The last steps are short: what was in sight before them is in sight now.
+    grey, inside = view.unwrap(grid, rotation, translation)
+    visible = inside * front
+    return _fit(rotation, translation, normalise(grey), texture, grey, visible, template.weight[level] * rigid[level])
 
 
 def judge(
@@ -326,9 +332,14 @@ def judge(
     common = template.weight[0] * visible
     normalise = LocalContrast(common) if normalised else Plain(common)
     seen, texture = normalise(grey), normalise(template.texture[0])
-    correlation, energy = agreement_of(seen, texture, common)
+    return _fit(rotation, translation, seen, texture, grey, visible, template.weight[0] * rigid[0])
+
+
+def _fit(rotation: Array, translation: Array, seen: Map, texture: Map, grey: Map, visible: Map, worth: Map) -> Fit:
+    """The fit of a pose at which both textures are known, normalised, and what each place is worth if it is seen."""
+    correlation, energy = agreement_of(seen, texture, worth * visible)
     # Places that the template shows and the picture does not are no evidence for the pose.
-    worth = np.minimum(energy, 1.0) * template.weight[0] * rigid[0]
+    worth = np.minimum(energy, 1.0) * worth
     score = float((worth * visible * correlation).sum() / max(float(worth.sum()), 1e-6))
     return Fit(rotation, translation, score, _agreeing(correlation), grey, visible)
 
@@ -382,8 +393,6 @@ def _step(
     return np.linalg.solve(matrix, right) / UNITS
 
 
-def _sane(start: tuple[Array, Array], rotation: Array, translation: Array) -> tuple[Array, Array]:
-    """The start instead of a pose that is no pose."""
-    if np.isfinite(rotation).all() and np.isfinite(translation).all() and translation[2] < -50.0:
-        return rotation, translation
-    return start
+def _sane(rotation: Array, translation: Array) -> bool:
+    """Whether a pose is one, and before the camera."""
+    return bool(np.isfinite(rotation).all() and np.isfinite(translation).all() and translation[2] < -50.0)

@@ -97,7 +97,7 @@ DISAGREEING = 3.0
 DEEP_FROM_MM = 60.0
 """Depth that does not change when a face is deeper: about that of the eye's centre of rotation."""
 
-ROUNDS = 5
+ROUNDS = 3
 """Of Gauss-Newton with reweighting."""
 
 
@@ -144,10 +144,9 @@ class Relief:
         rays = points - self._eye
         self._first = np.linalg.norm(rays, axis=1)
         self._rays = rays / self._first[:, None]
-        self._covariance = _covariance(points, points, rotation) + NUGGET_MM**2 * np.eye(len(points))
-        self._prior = np.linalg.inv(self._covariance)
-        self._start, self._turn = points, rotation
+        self._prior = np.linalg.inv(_covariance(points, points) + NUGGET_MM**2 * np.eye(len(points)))
         self._distance = self._first.copy()
+        self._spread = _spread(surface, points, self._eye) @ self._prior
         self.keys: list[Key] = []
 
     @property
@@ -208,22 +207,24 @@ class Relief:
     def surface(self) -> Surface:
         """The surface with what was learnt, smooth between the places."""
         begun = self._begun
-        part = np.linspace(0.0, 1.0, FINEST + 1)
-        angle = np.radians(HALF_ANGLE_DEG) * (2 * part - 1)[None, :]
-        height = (begun.top_mm + (begun.bottom_mm - begun.top_mm) * part)[:, None]
-        grid = np.stack(
-            [begun.radii_mm * np.sin(angle), height + 0 * angle, begun.radii_mm * np.cos(angle)], axis=-1
-        ).reshape(-1, 3)
-        # What the prior expects elsewhere, given the places.
-        grown = _covariance(grid, self._start, self._turn) @ (self._prior @ (self._distance - self._first))
-        sight, outward = grid - self._eye, grid * [1.0, 0.0, 1.0]
-        normals = _normals(grid.reshape(*begun.radii_mm.shape, 3)).reshape(-1, 3)
-        # A move along the line of sight and one away from the axis lift the surface by their shares along the normal.
-        lift = (normals * sight).sum(axis=1) / np.linalg.norm(sight, axis=1)
-        lift /= np.maximum((normals * outward).sum(axis=1) / np.linalg.norm(outward, axis=1), LEAST_LIFT)
-        radii = begun.radii_mm + (grown * lift).reshape(begun.radii_mm.shape)
+        grown = self._spread @ (self._distance - self._first)
         middle = float(begun.radii_mm.mean())
-        return Surface(np.clip(radii, BOUNDS[0] * middle, BOUNDS[1] * middle), begun.top_mm, begun.bottom_mm)
+        radii = np.clip(begun.radii_mm + grown.reshape(begun.radii_mm.shape), BOUNDS[0] * middle, BOUNDS[1] * middle)
+        return Surface(radii, begun.top_mm, begun.bottom_mm)
+
+
+def _spread(begun: Surface, points: Array, eye: Array) -> Array:
+    """How far the radii of a surface (N,) go with the distances of places (J,), by their covariance; (N, J)."""
+    part = np.linspace(0.0, 1.0, FINEST + 1)
+    angle = np.radians(HALF_ANGLE_DEG) * (2 * part - 1)[None, :]
+    height = (begun.top_mm + (begun.bottom_mm - begun.top_mm) * part)[:, None]
+    grid = np.stack([begun.radii_mm * np.sin(angle), height + 0 * angle, begun.radii_mm * np.cos(angle)], axis=-1)
+    normals, flat = _normals(grid).reshape(-1, 3), grid.reshape(-1, 3)
+    sight, outward = flat - eye, flat * [1.0, 0.0, 1.0]
+    # A move along the line of sight and one away from the axis lift the surface by their shares along the normal.
+    lift = (normals * sight).sum(axis=1) / np.linalg.norm(sight, axis=1)
+    lift /= np.maximum((normals * outward).sum(axis=1) / np.linalg.norm(outward, axis=1), LEAST_LIFT)
+    return lift[:, None] * _covariance(flat, points)
 
 
 def _normals(points: Array) -> Array:
@@ -232,7 +233,7 @@ def _normals(points: Array) -> Array:
     return np.asarray(normals / np.linalg.norm(normals, axis=-1, keepdims=True))
 
 
-def _covariance(one: Array, other: Array, turn: Array) -> Array:
+def _covariance(one: Array, other: Array) -> Array:
     """Prior covariance (N, M) of the distances of places, mm^2."""
     apart = ((one[:, None, :2] - other[None, :, :2]) ** 2).sum(axis=2)
     smooth = BUMP_MM**2 * np.exp(-0.5 * apart / BUMP_WIDTH_MM**2)
