@@ -118,6 +118,27 @@ def test_references_undo_drift():
     assert drift["references"] <= 0.25 * drift["dynamic"]
 
 
+def test_relief_is_learnt():
+    """A cylinder whose first nod is wrong by 10 degrees: its turns are mixed up until its depths are known."""
+    film, part = oracle.Film(seed=SEED), np.linspace(0, 3.5 * np.pi, 22)
+    frames, rotations, translations = shoot(film, 5 * np.cos(part) - 5, 20 * np.sin(part))
+    tilted = rotations[0] @ oracle.turns(*np.array([[10.0], [0.0], [0.0]]))[0]
+    start = Start(
+        tilted, translations[0], Surface.cylinder(oracle.RADIUS_MM, 80.0, -95.0), oracle.spots_mm(film), np.ones(3)
+    )
+    late = slice(11, None)
+    errors = {}
+    for surface in ("cylinder", "learnt"):
+        tracker = CylinderTracker(Settings(surface=surface))
+        tracker.start_at(frames[0], camera_of(film), start)
+        found = np.array([tilted, *(tracker.step(frame).rotation for frame in frames[1:])])
+        apart = oracle.apart_deg(found @ found[0].T, rotations @ rotations[0].T)
+        errors[surface] = apart[late].mean()
+    assert errors["cylinder"] > 1.0  # or there would be nothing to learn
+    # Once the head has been to both sides, most of the error is gone; how deep the head is in all stays unsure.
+    assert errors["learnt"] < 0.5 * errors["cylinder"]
+
+
 @cache
 def occluded_film():
     film, k = oracle.Film(seed=SEED), np.arange(60)
