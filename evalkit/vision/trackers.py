@@ -21,6 +21,12 @@ def _face_surface() -> HeadTracker:
     return CylinderTracker(Settings(surface="face"))
 
 
+def _learnt_relief() -> HeadTracker:
+    from evalkit.vision.cylinder import CylinderTracker, Settings
+
+    return CylinderTracker(Settings(surface="learnt"))
+
+
 def _pyrlk() -> HeadTracker:
     from evalkit.vision.pyrlk import PyrLkTracker
 
@@ -39,6 +45,9 @@ trackers: dict[str, TrackerMethod] = {
     ),
     "face-surface": TrackerMethod(
         _face_surface, "the same with the relief of the mean face in place of the cylinder", "Xiao et al. 2003"
+    ),
+    "learnt-relief": TrackerMethod(
+        _learnt_relief, "the same with a relief that is corrected by what the video shows", "Xiao et al. 2003"
     ),
     "pyrlk": TrackerMethod(_pyrlk, "corners by optical flow, pose of a rigid face from them", "Bouguet 2001"),
     "mediapipe": TrackerMethod(
