@@ -278,7 +278,7 @@ def write_results(
     with ThreadPoolExecutor(2) as pool:
         # Hashing and writing wait for memory and disk; the table of motion is formatted meanwhile.
         notes = pool.submit(write_capture, result.capture, directory / "compensated.c3d")
-        digest = pool.submit(_sha256, source) if source is not None else None
+        digest = pool.submit(file_sha256, source) if source is not None else None
         write_motion(result, directory / "motion.csv")
     content = summary(result, source, digest.result() if digest else None, errors, leak)
     content["warnings"] += notes.result()
@@ -288,7 +288,8 @@ def write_results(
     return content
 
 
-def _sha256(path: Path) -> str:
+def file_sha256(path: Path) -> str:
+    """SHA-256 of a file, hexadecimal."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 

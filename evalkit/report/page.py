@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import datetime
-import hashlib
 import os
 import platform
 import tempfile
@@ -32,6 +31,7 @@ from evalkit.report import plots, words
 from evalkit.report.compare import TRUTH_COLUMNS, UNCOMPENSATED, compare_methods
 from evalkit.report.measures import View, movement_rms
 from evalkit.report.scene import scene, script_json
+from evalkit.results import file_sha256
 
 if TYPE_CHECKING:
     from evalkit.synthetic import Truth
@@ -337,8 +337,7 @@ def _provenance(take: Capture, source: str | Path | None) -> list[tuple[str, str
     ]
     if source is not None:
         try:
-            with Path(source).open("rb") as file:
-                digest = hashlib.file_digest(file, "sha256").hexdigest()
+            digest = file_sha256(Path(source))
         except OSError as error:
             raise EvalkitError(f"{source}: cannot be read for its checksum ({error.strerror or error})") from error
         rows = [("file", Path(source).name), ("SHA-256", digest), *rows]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import inspect
 import platform
 from collections.abc import Callable, Mapping, Sequence
@@ -18,7 +17,7 @@ from evalkit.geometry import Array
 from evalkit.head.mesh import components
 from evalkit.meshes.model import Mesh, check_same_faces
 from evalkit.render.error_maps import Column, Part, error_columns, sheets
-from evalkit.results import write_json
+from evalkit.results import file_sha256, write_json
 from evalkit.transfer.character import CharacterTransfer
 from evalkit.transfer.files import Material, Shape, read_shapes, read_surface, write_coefficients, write_regions
 from evalkit.transfer.gradients import flipped
@@ -136,7 +135,7 @@ def summary(
         "evalkit": __version__,
         "method": {"name": outcome.method, **_parameters(outcome)},
         "mesh": {
-            "file": material.rest.path.as_posix(), "sha256": _sha256(material.rest.path),
+            "file": material.rest.path.as_posix(), "sha256": file_sha256(material.rest.path),
             "vertices": len(material.of), "faces": len(material.rest.sizes), "triangles": len(faces),
             "vertices_welded": len(material.of) - len(material.kept), "parts": parts, "loose_parts": loose,
             "pinned_vertices": None if outcome.pinned is None else int(outcome.pinned[material.of].sum()),
@@ -175,7 +174,7 @@ def _coefficients(material: Material, outcome: Outcome) -> dict[str, Any] | None
 
 
 def _source(shape: Shape) -> dict[str, str]:
-    return {"file": shape.mesh.path.as_posix(), "sha256": _sha256(shape.mesh.path)}
+    return {"file": shape.mesh.path.as_posix(), "sha256": file_sha256(shape.mesh.path)}
 
 
 def _errors(result: Array, rough: Array, goal: Shape | None, eye_distance: float | None) -> dict[str, Any]:
@@ -190,11 +189,6 @@ def _errors(result: Array, rough: Array, goal: Shape | None, eye_distance: float
 
 def _versions() -> dict[str, str]:
     return {"python": platform.python_version(), "numpy": np.__version__, "scipy": scipy.__version__}
-
-
-def _sha256(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def write_transferred(material: Material, outcome: Outcome, content: Mapping[str, Any], folder: Path) -> None:
@@ -238,7 +232,7 @@ def deformed_summary(
         "method": {"name": "deformation transfer", "triangle_pairs": len(done.correspondence.source)},
         **{
             name: {
-                "file": mesh.path.as_posix(), "sha256": _sha256(mesh.path), "vertices": len(mesh.vertices),
+                "file": mesh.path.as_posix(), "sha256": file_sha256(mesh.path), "vertices": len(mesh.vertices),
                 "faces": len(mesh.sizes),
             }
             for name, mesh in (("source", source), ("target", target))
