@@ -28,7 +28,7 @@ from evalkit.transfer.solver import MeshSolver
 STILL = 1e-4
 """A vertex that no example moves by more than this share of the mesh's diagonal is pinned."""
 
-BATCH = 20_000
+BATCH = 10_000
 """Triangles, over all shapes of a batch, that are worked on at a time: what fits the processor's cache."""
 
 

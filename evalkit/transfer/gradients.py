@@ -105,12 +105,12 @@ def edge_frames(vertices: Array, triangles: Indices) -> Array:
     ----------
     Sumner and Popovic, "Deformation transfer for triangle meshes", SIGGRAPH 2004, doi:10.1145/1015706.1015736, eq. 1.
     """
-    corners = np.moveaxis(vertices, -1, 0)[..., triangles.T]
-    first = corners[..., 0, :]
+    places = np.ascontiguousarray(np.moveaxis(vertices, -1, 0))
+    first, second, third = (np.take(places, corner, axis=-1) for corner in triangles.T)
     out = np.empty((3, 3, *first.shape[1:]))
     a, b, c = out[:, 0], out[:, 1], out[:, 2]
-    np.subtract(corners[..., 1, :], first, out=a)
-    np.subtract(corners[..., 2, :], first, out=b)
+    np.subtract(second, first, out=a)
+    np.subtract(third, first, out=b)
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
         c[i] = a[j] * b[k] - a[k] * b[j]

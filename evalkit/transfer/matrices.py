@@ -10,10 +10,10 @@ import numpy as np
 
 from evalkit.geometry import Array, det3
 
-SMALL_NORM = 0.125
+SMALL_NORM = 1.0
 """The series of the exponential below is exact to rounding for matrices up to this norm."""
 
-SERIES = 8
+SERIES = 18
 
 NEAR_IDENTITY = 0.2
 """Roots are taken until a matrix is so near to the identity, in the Frobenius norm; then eight terms of the series are
@@ -98,16 +98,26 @@ def polar(m: Array) -> tuple[Array, Array]:
 def exp_symmetric(m: Array) -> Array:
     """Exponentials of symmetric matrices, (3, 3, ...): the Taylor series after halving, squared back.
 
+    By Cayley and Hamilton every power of a matrix is a quadratic polynomial in it, so that the series runs over three
+    numbers a matrix: with ``x^3 = a x^2 - b x + c`` the polynomial ``p + q x + r x^2`` times x is
+    ``c r + (p - b r) x + (q + a r) x^2``.
+
     References
     ----------
-    Moler and Van Loan, SIAM Review 45 (2003), doi:10.1137/S00361445024180, method 3.
+    Moler and Van Loan, SIAM Review 45 (2003), doi:10.1137/S00361445024180, methods 3 and 8.
     """
     largest = float(np.sqrt(np.einsum("ij...,ij...->...", m, m).max(initial=0.0)))
     halvings = max(0, int(np.ceil(np.log2(largest / SMALL_NORM)))) if largest > 0.0 else 0
     x = m / 2.0**halvings
-    out = _plus_identity(x / SERIES)
-    for k in range(SERIES - 1, 0, -1):
-        out = _plus_identity(product(x, out) / k)
+    square = product(x, x)
+    trace = x[0, 0] + x[1, 1] + x[2, 2]
+    minors = 0.5 * (trace**2 - (square[0, 0] + square[1, 1] + square[2, 2]))
+    determinant = det3(x)
+    p, q, r = np.zeros_like(trace), np.zeros_like(trace), np.zeros_like(trace)
+    # Horner's rule from the last term: the polynomial times x, over k, plus one.
+    for k in range(SERIES, 0, -1):
+        p, q, r = determinant * r / k + 1.0, (p - minors * r) / k, (q + trace * r) / k
+    out = _plus_identity(q * x + r * square, p)
     for _ in range(halvings):
         out = product(out, out)
     return out
@@ -201,7 +211,7 @@ def exp_rotation(v: Array) -> Array:
     return out
 
 
-def _plus_identity(m: Array, share: float = 1.0) -> Array:
+def _plus_identity(m: Array, share: float | Array = 1.0) -> Array:
     out = m.copy()
     for i in range(3):
         out[i, i] += share

@@ -47,16 +47,21 @@ def segment(rest: Array, triangles: Indices, fine: Array, levels: int = LEVELS) 
     place, moves = _unit_variance(place), _unit_variance(moves)
     labels = np.zeros(len(triangles), dtype=np.intp)
     found = [labels]
+    vectors = np.concatenate([place, moves], axis=1)
     for weight in range(1, levels + 1):
-        vectors = np.concatenate([place, weight * moves], axis=1)
+        vectors[:, 9:] = weight * moves
         split = np.zeros_like(labels)
         for region in range(labels.max() + 1):
             which = np.flatnonzero(labels == region)
-            if len(np.unique(triangles[which])) >= LEAST_VERTICES:
+            if _vertices(triangles[which]) >= LEAST_VERTICES:
                 split[which] = two_means(vectors[which])
         labels = np.unique(2 * labels + split, return_inverse=True)[1]
         found.append(labels)
     return tuple(found)
+
+
+def _vertices(triangles: Indices) -> int:
+    return int(np.count_nonzero(np.bincount(triangles.ravel())))
 
 
 def _unit_variance(block: Array) -> Array:
