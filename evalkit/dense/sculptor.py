@@ -11,8 +11,7 @@ what is closed stays closed. In order:
 4. the jaw turns about another axis, comes forward, and saturates;
 5. lips that part roll outward about their own axis and grow stiff; lips that narrow grow thick;
 6. cheeks that are squashed between mouth and eye bulge;
-7. the inner ends of brows go further; brows that come down fold the skin between them, those that rise wrinkle the
-   forehead;
+7. the inner ends of brows go further; brows that come down fold the skin between them, those that rise the forehead;
 8. lids meet higher, the lower one taking its share of the way, with a crease above.
 """
 

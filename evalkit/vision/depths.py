@@ -2,7 +2,7 @@
 
 Seen along a line of sight with slope ``m`` (mm sideways and up for each mm forward, in the head's axes), a point whose
 depth is wrong by ``d`` seems to stand ``d m`` beside its place. Expression moves a point with the head still; a wrong
-depth moves it with the turn. The depth that makes a point move least,
+depth moves it with the turn. The depth that makes a point move least::
 
     d = -sum (m - mean m) . (x - mean x) / (sum |m - mean m|^2 + r),
 

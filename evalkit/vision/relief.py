@@ -3,7 +3,7 @@
 A surface made from 19 points of one picture has the depths of a mean face, tilted by what the first pose is wrong. Each
 depth error moves a place of the skin sideways as soon as the head turns, which rigid motion can imitate only in part:
 the poses come out wrong by a share of the turn. What is left over tells the two apart. A small bundle adjustment
-(Triggs et al. 2000, doi:10.1007/3-540-44480-7_21) over some key frames minimises
+(Triggs et al. 2000, doi:10.1007/3-540-44480-7_21) over some key frames minimises::
 
     sum_jk rho(|W_jk (project(R_k (c + s_j d_j) + T_k) - u_jk)|) + (s - s_0)' K^-1 (s - s_0)
 
