@@ -190,7 +190,8 @@ def test_the_studies_run():
     assert len(rows) == 2 and all(math.isfinite(row["worst_deg"]) for row in rows)
     (row,) = small("parameters", "tracked", head="template-small", motion="jaw", rate_hz=10.0).rows
     assert math.isfinite(row["lip_opening_percent"]) and row["given"] > 0.5
-    table = small("tracker-speed", "pyrlk", "cylinder + features", head="template-small", disturbed="nothing", frames=8)
+    whole = "learnt-relief + features"
+    table = small("tracker-speed", "pyrlk", whole, head="template-small", disturbed="nothing", frames=8)
     for row in table.machine:
         assert 1.0 < row["frames_per_second"] < 1e5 and row["pose_us"] < row["us_per_frame"]
-    assert {row["method"] for row in table.machine if row["features_us"] is not None} == {"cylinder + features"}
+    assert {row["method"] for row in table.machine if row["features_us"] is not None} == {whole}

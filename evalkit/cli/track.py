@@ -42,7 +42,9 @@ MANY_LOST = 0.5
 @click.option("--frames", type=click.IntRange(min=1), metavar="N", help="Frames at most.")
 @click.option("--rate", type=float, metavar="HZ", help="Frames per second, if not as the file says (folder: 25).")
 @click.option("--camera-fov", type=float, metavar="DEG", help="Of the picture's longer side  [default: assumed, 50]")
-@click.option("--method", default="cylinder", show_default=True, metavar="NAME", help="Tracker of the head's pose.")
+@click.option(
+    "--method", default="learnt-relief", show_default=True, metavar="NAME", help="Tracker of the head's pose."
+)
 @click.option(
     "--depth", type=click.Choice(["learnt", "face", "cylinder"]), default="learnt", show_default=True,
     help="Depths of the points.",

@@ -32,6 +32,7 @@ from evalkit.study.description import Budget, Condition, Scalar, Study
 from evalkit.study.statistics import Statistic, largest, mean
 from evalkit.vision.parameters import PARAMETERS, control_parameters, eye_distance, normalise
 from evalkit.vision.tracker import HeadPose, TrackStatus
+from evalkit.vision.trackers import DEFAULT
 
 MOTION: dict[str, dict[str, Any]] = {
     "turn": {"expression": 0.0, "range_deg": (0.0, 20.0, 0.0)},
@@ -44,7 +45,7 @@ MOTION: dict[str, dict[str, Any]] = {
 
 TRUE_POSE = "true pose"
 DEPTHS = {"tracked": "learnt", "mean face's depths": "face", "cylinder's depths": "cylinder", TRUE_POSE: "learnt"}
-"""Method -> where the depths of the points come from; all but the last get the pose of the cylinder tracker."""
+"""Method -> where the depths of the points come from; all but the last get the default tracker's pose."""
 
 LENGTHS = tuple(p.name for p in PARAMETERS if p.unit == "iod")
 ANGLES = tuple(p.name for p in PARAMETERS if p.unit == "deg")
@@ -74,7 +75,7 @@ def run(data: FilmedHead, method: str) -> tuple[Array, Array]:
             HeadPose(r, t, TrackStatus.TRACKED, 1.0) for r, t in zip(truth.rotations, truth.translations, strict=True)
         ]
     else:
-        tracker = TRACKERS["cylinder"]()
+        tracker = TRACKERS[DEFAULT]()
         poses = [tracker.start(data.frames[0], truth.camera, truth.clicked_px)]
         poses += [tracker.step(frame) for frame in data.frames[1:]]
     features = FeatureTracker(truth.camera, depth=DEPTHS[method])

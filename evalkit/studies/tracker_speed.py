@@ -28,12 +28,13 @@ from evalkit.study.command import script
 from evalkit.study.description import Budget, Condition, Scalar, Study
 from evalkit.study.statistics import median, relative_to
 from evalkit.vision.parameters import control_parameters, eye_distance
+from evalkit.vision.trackers import DEFAULT
 
 ROUNDS = 3
 """Times that a video is gone through; the fastest counts, since other work on the machine only ever adds."""
 
-WHOLE = "cylinder + features"
-"""The cylinder, the 19 points and the fifteen parameters: all of it."""
+WHOLE = f"{DEFAULT} + features"
+"""The pose, the 19 points and the fifteen parameters: all of it."""
 
 
 def conditions(axes: Mapping[str, tuple[Scalar, ...]]) -> Iterator[Condition]:
@@ -79,7 +80,7 @@ def _round(data: FilmedHead, path: Path, method: str) -> dict[str, Any]:
         return found
 
     frames = iter(read_video(path))
-    tracker = TRACKERS["cylinder" if method == WHOLE else method]()
+    tracker = TRACKERS[DEFAULT if method == WHOLE else method]()
     features = FeatureTracker(truth.camera) if method == WHOLE else None
     first = next(frames)
     pose = tracker.start(first, truth.camera, truth.clicked_px)
@@ -117,7 +118,7 @@ study = Study(
     question=QUESTION,
     finding=FINDING + left_out(),
     axes={"head": ("photo",), "disturbed": ("nothing", "face away"), "frames": (120,)},
-    methods=(*trackers_here(), WHOLE) if "cylinder" in trackers_here() else trackers_here(),
+    methods=(*trackers_here(), WHOLE) if DEFAULT in trackers_here() else trackers_here(),
     prepare=prepare,
     run=run,
     score=score,

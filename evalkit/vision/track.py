@@ -12,10 +12,10 @@ from numpy.typing import ArrayLike
 from evalkit.errors import EvalkitError
 from evalkit.geometry import Array
 from evalkit.vision.camera import Camera
-from evalkit.vision.cylinder import CylinderTracker
 from evalkit.vision.features import FeatureTracker
 from evalkit.vision.parameters import control_parameters, eye_distance
 from evalkit.vision.tracker import HeadPose, HeadTrack, HeadTracker, Picture, TrackStatus
+from evalkit.vision.trackers import DEFAULT, trackers
 from evalkit.vision.video import Video
 
 
@@ -52,7 +52,7 @@ def track(
     points_px: ArrayLike,
     camera: Camera | None = None,
     tracker: HeadTracker | None = None,
-    method: str = "cylinder",
+    method: str = DEFAULT,
     depth: str = "learnt",
     rate_hz: float | None = None,
     progress: Callable[[int], None] | None = None,
@@ -68,9 +68,9 @@ def track(
     camera : Camera, optional
         By default one with an assumed field of view.
     tracker : HeadTracker, optional
-        For the head's pose, by default the cylinder.
+        For the head's pose, by default the one of that name.
     method : str
-        Name of that tracker, for the record.
+        Key of :data:`evalkit.vision.trackers.trackers`; with a tracker of one's own, its name for the record.
     depth : {"learnt", "face", "cylinder"}
         See :class:`evalkit.vision.features.FeatureTracker`.
     rate_hz : float, optional
@@ -100,7 +100,7 @@ def track(
         raise EvalkitError("the video has no frames")
     points = np.asarray(points_px, dtype=np.float64)
     seen_by = camera or Camera.assumed_for(first.shape[1], first.shape[0])
-    poses, found = _follow(first, frames, points, seen_by, tracker or CylinderTracker(), depth, progress)
+    poses, found = _follow(first, frames, points, seen_by, tracker or trackers[method].build(), depth, progress)
     frontal, confidence, pixels, slopes, offsets = (np.array(values) for values in zip(*found, strict=True))
     frontal += (offsets[-1] - offsets)[:, :, None] * slopes
     unit = float(eye_distance(frontal[0]))

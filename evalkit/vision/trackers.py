@@ -56,6 +56,9 @@ trackers: dict[str, TrackerMethod] = {
 }
 """Name -> tracker. Packages and weights are looked for when one is built, so that the table can be read without."""
 
+DEFAULT = "learnt-relief"
+"""The tracker that is taken if none is asked for: the best of those that need no trained network."""
+
 
 def missing(method: str) -> str:
     """What a tracker lacks on this machine, in one line; empty if nothing."""
