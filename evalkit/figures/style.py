@@ -127,6 +127,7 @@ LOOKS = {
     # Head trackers
     "cylinder": Look("cylinder", BLUE, "o"),
     "face-surface": Look("cylinder with the mean face's relief", SKY, "s", "--"),
+    "learnt-relief": Look("cylinder with a learnt relief", GREEN, "^"),
     "pyrlk": Look("optical flow and PnP", ORANGE, "D"),
     "mediapipe": Look("MediaPipe", GREY, "h"),
     "static": Look("first frame", VERMILION, "X"),

@@ -1,6 +1,6 @@
 """Time of a frame of 360 x 288 pixels by stage, on one core, decoding included.
 
-One bar a tracker, of the fastest of three rounds, median of the videos; the last is the whole: the cylinder, the 19
+One bar a tracker, of the fastest of three rounds, median of the videos; the last is the whole: the pose, the 19
 points and the fifteen parameters. Dotted: 60 frames a second. (a) The face in sight, and, where it was measured, (b)
 away for two fifths of the video.
 """
