@@ -12,8 +12,8 @@ from functools import lru_cache
 import numpy as np
 
 from evalkit.capture import Capture
-from evalkit.dense import Face, Performance, perform
 from evalkit.deform.surface import edge_distance, edge_graph
+from evalkit.dense import Face, Performance, perform
 from evalkit.errors import EvalkitError
 from evalkit.geometry import Array, blocks
 from evalkit.head.model import Indices
