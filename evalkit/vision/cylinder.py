@@ -19,7 +19,7 @@ from evalkit.vision.camera import Camera
 from evalkit.vision.initial import Start, mean_face_surface, start_from_points
 from evalkit.vision.points import FACE_POINTS
 from evalkit.vision.references import Reference, distances_deg, make_reference, search, towards
-from evalkit.vision.registration import Fit, Template, View, judge, register
+from evalkit.vision.registration import Fit, Template, Texture, View, judge, register
 from evalkit.vision.relief import KEY_DEG, MOST_KEYS, WIDEST_DEG, Relief
 from evalkit.vision.surface import Map, Surface
 from evalkit.vision.tracker import LOST, HeadPose, Picture, TrackStatus
@@ -119,10 +119,11 @@ class CylinderTracker:
         self._motion = np.zeros(3), np.zeros(3)
         self._lost_for = 0
         view = View(frame, camera)
-        first = make_reference(view, self.surface, camera, start.rotation, start.translation)
+        self._number = 0
+        first = make_reference(0, view, self.surface, camera, start.rotation, start.translation)
         self.references: list[Reference] = [first]
         self._template = first.template
-        usable = self._rigid[0] * first.template.weight[0]
+        usable = self._rigid[0] * first.template[0].weight
         self._relief = Relief(self.surface, camera, start.rotation, start.translation, usable)
         self._last: tuple[View, Fit] | None = None
         self._usual = USUAL_SCORE
@@ -132,6 +133,7 @@ class CylinderTracker:
 
     def step(self, frame: Picture) -> HeadPose:
         """Pose of the next frame."""
+        self._number += 1
         view = View(frame, self.camera)
         fit = self._looked_for(view) if self._lost_for else self._followed(view)
         self._weak_for = 0 if fit.score >= TRACKED_SCORE else self._weak_for + 1
@@ -267,7 +269,8 @@ class CylinderTracker:
             and len(self.references) < MOST_REFERENCES
             and min(distances_deg(self.references, rotation, fit.translation)) > NEW_DEG
         ):
-            self.references.append(make_reference(view, self.surface, self.camera, rotation, fit.translation))
+            reference = make_reference(self._number, view, self.surface, self.camera, rotation, fit.translation)
+            self.references.append(reference)
         if self.settings.surface == "learnt" and fit.score >= NEW_SCORE:
             self._learn(view)
 
@@ -278,15 +281,15 @@ class CylinderTracker:
         apart = np.degrees(rotation_angle(known.transpose(0, 2, 1) @ self._rotation))
         if len(relief.keys) >= MOST_KEYS or apart.min() < KEY_DEG or apart[0] > WIDEST_DEG:
             return
-        key = relief.add(view, self.surface, first.template, self._rotation, self._translation)
+        key = relief.add(self._number, view, self.surface, first.template, self._rotation, self._translation)
         relief.adjust()
         self.surface = relief.surface()
         self._rotation, self._translation = key.rotation, key.translation
-        adjusted = {id(key.view): key for key in relief.keys}
+        adjusted = {key.number: key for key in relief.keys}
         remade = []
         for old in self.references:
-            pose = adjusted.get(id(old.view), old)
-            remade.append(make_reference(old.view, self.surface, self.camera, pose.rotation, pose.translation))
+            pose = adjusted.get(old.number, old)
+            remade.append(old.moved(self.surface, pose.rotation, pose.translation))
         self.references = remade
         self._template, self._last = view.template(self.surface, key.rotation, key.translation), None
 
@@ -297,13 +300,16 @@ def _score(fit: Fit) -> float:
 
 def _updated(old: Template, shown: Template, agreement: Map, growing: bool) -> Template:
     """The template with what a frame shows, where the two agree or, if it may grow, the template knew nothing."""
-    textures, weights = [], []
-    for before, known, now, seen in zip(old.texture, old.weight, shown.texture, shown.weight, strict=True):
-        agreeing = cv2.resize(agreement, before.shape[::-1], interpolation=cv2.INTER_AREA)
-        taken = ((agreeing > 0.5) & (known >= 0.1) | growing & (known < 0.1)) & (seen > 0)
-        textures.append(np.where(taken, now, before))
-        weights.append(np.where(taken, seen, known).astype(np.float32))
-    return Template(tuple(textures), tuple(weights))
+    found = []
+    for before, now in zip(old, shown, strict=True):
+        agreeing = cv2.resize(agreement, before.grey.shape[::-1], interpolation=cv2.INTER_AREA)
+        taken = ((agreeing > 0.5) & (before.weight >= 0.1) | growing & (before.weight < 0.1)) & (now.weight > 0)
+        found.append(
+            Texture(
+                np.where(taken, now.grey, before.grey), np.where(taken, now.weight, before.weight).astype(np.float32)
+            )
+        )
+    return found
 
 
 def _rigid_weights(surface: Surface, points_mm: Array) -> tuple[Map, ...]:

@@ -9,7 +9,7 @@ correlation, at a few sizes and tilts); what matches is then registered and judg
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -40,17 +40,21 @@ class Reference:
 
     Attributes
     ----------
+    number : int
+        Of the frame.
     view : View
+        The frame, reduced to what is read of it.
     rotation, translation : ndarray
     turn : ndarray, shape (3, 3)
         The rotation against the line of sight.
-    template : Template
+    template : sequence of Texture
     patch : ndarray, shape (h, w)
         The face in the frame, reduced.
     patch_scale : float
         Pixels of the patch per pixel of the frame.
     """
 
+    number: int
     view: View
     rotation: Array
     translation: Array
@@ -59,9 +63,17 @@ class Reference:
     patch: Map
     patch_scale: float
 
+    def moved(self, surface: Surface, rotation: Array, translation: Array) -> Reference:
+        """The same frame at a pose and on a surface that are known better."""
+        template = self.view.template(surface, rotation, translation)
+        turn = towards(translation).T @ rotation
+        return replace(self, rotation=rotation, translation=translation, turn=turn, template=template)
 
-def make_reference(view: View, surface: Surface, camera: Camera, rotation: Array, translation: Array) -> Reference:
-    """The reference that a frame gives at a pose."""
+
+def make_reference(
+    number: int, view: View, surface: Surface, camera: Camera, rotation: Array, translation: Array
+) -> Reference:
+    """The reference that a frame of that number gives at a pose."""
     radius = float(surface.radii_mm.mean())
     middle = camera.project(rotation @ [0.0, 0.0, radius] + translation)
     pixels_per_mm = camera.focal_px / -float(translation[2])
@@ -72,9 +84,10 @@ def make_reference(view: View, surface: Surface, camera: Camera, rotation: Array
     patch = cv2.getRectSubPix(
         view.picture(level), (side, round(1.3 * side)), tuple(float(x) for x in (middle - 0.5) * scale)
     )
-    template = view.template(surface, rotation, translation)
+    kept = view.reduced(surface.grids[0], translation)
+    template = kept.template(surface, rotation, translation)
     turn = towards(translation).T @ rotation
-    return Reference(view, rotation, translation, turn, template, np.asarray(patch, dtype=np.float32), scale)
+    return Reference(number, kept, rotation, translation, turn, template, np.asarray(patch, dtype=np.float32), scale)
 
 
 def distances_deg(references: Sequence[Reference], rotation: Array, translation: Array) -> list[float]:

@@ -16,14 +16,18 @@ the first). The weights ``w`` are the product of
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
+from functools import cache
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 
 from evalkit.geometry import Array
 from evalkit.vision.camera import Camera
-from evalkit.vision.surface import LEVELS, Grid, Map, Surface
+from evalkit.vision.surface import LEVELS, Grid, Levels, Map, Surface
 from evalkit.vision.tracker import Picture
 
 GRAZING = (0.3, 0.6)
@@ -77,20 +81,22 @@ UNITS = np.array([80.0, 80.0, 80.0, 1.0, 1.0, 1.0])
 """A radian moves the skin by about this many mm: in these units all six parameters are of one size."""
 
 
-@dataclass(frozen=True, eq=False)
-class Template:
-    """Texture of the surface at every level, as one frame showed it.
+class Texture(NamedTuple):
+    """What a frame showed of the surface at one level.
 
     Attributes
     ----------
-    texture : tuple of ndarray, shape (H, W)
-        Grey levels, finest level first.
-    weight : tuple of ndarray, shape (H, W)
+    grey : ndarray, shape (H, W)
+    weight : ndarray, shape (H, W)
         0 where the place was not seen, 1 where it was seen squarely.
     """
 
-    texture: tuple[Map, ...]
-    weight: tuple[Map, ...]
+    grey: Map
+    weight: Map
+
+
+Template = Sequence[Texture]
+"""Texture of the surface at every level, finest first."""
 
 
 @dataclass(frozen=True)
@@ -122,14 +128,28 @@ class View:
 
     def __init__(self, frame: Picture, camera: Camera) -> None:
         grey = frame if frame.ndim == 2 else cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY)
-        self._levels: list[Map] = [grey.astype(np.float32)]
+        self._levels: dict[int, Map] = {0: grey.astype(np.float32)}
         self._camera = camera
 
     def picture(self, level: int) -> Map:
-        """The frame, halved ``level`` times."""
-        while len(self._levels) <= level:
-            self._levels.append(cv2.pyrDown(self._levels[-1]).astype(np.float32, copy=False))
+        """The frame, halved ``level`` times, or as often as it was :meth:`reduced`."""
+        level = max(level, min(self._levels))
+        if level not in self._levels:
+            self._levels[level] = np.asarray(cv2.pyrDown(self.picture(level - 1)), dtype=np.float32)
         return self._levels[level]
+
+    def level_for(self, spacing_mm: float, distance_mm: float) -> int:
+        """How often the frame is halved until a pixel is about as wide as a length on the head."""
+        pixels = spacing_mm * self._camera.focal_px / max(distance_mm, 1.0)
+        level = int(np.clip(round(np.log2(max(pixels, 1e-6) / PIXELS_PER_SPACING)), 0, COARSEST_PICTURE))
+        return max(level, min(self._levels))
+
+    def reduced(self, grid: Grid, translation: Array) -> View:
+        """The same without what is finer than a grid at about that place reads: small enough to be kept."""
+        level = self.level_for(grid.spacing_mm, -float(translation[2]))
+        small = copy(self)
+        small._levels = {level: self.picture(level)}
+        return small
 
     def project(self, grid: Grid, rotation: Array, translation: Array) -> Array:
         """Pixels (H, W, 2) of a surface's places at a pose."""
@@ -138,42 +158,59 @@ class View:
     def unwrap(self, grid: Grid, rotation: Array, translation: Array) -> tuple[Map, Map]:
         """Grey levels (H, W) of a surface at a pose, and whether each place is inside of the picture (0 or 1)."""
         camera = self._camera
-        placed = grid.points @ rotation.T.astype(np.float32) + translation.astype(np.float32)
-        # A pixel of the level that is read is about as wide as the grid's spacing.
-        pixels = grid.spacing_mm * camera.focal_px / max(-float(translation[2]), 1.0)
-        level = int(np.clip(round(np.log2(max(pixels, 1e-6) / PIXELS_PER_SPACING)), 0, COARSEST_PICTURE))
+        placed = rotation.astype(np.float32) @ grid.points.T + translation.astype(np.float32)[:, None]
+        level = self.level_for(grid.spacing_mm, -float(translation[2]))
         picture = self.picture(level)
         scale = 1.0 / (1 << level)
-        nearness = np.float32(camera.focal_px * scale) / np.minimum(placed[:, 2], np.float32(-1.0))
-        u = placed[:, 0] * -nearness + np.float32((camera.centre_px[0] - 0.5) * scale)
-        v = placed[:, 1] * nearness + np.float32((camera.centre_px[1] - 0.5) * scale)
-        grey = cv2.remap(
-            picture, u.reshape(grid.shape), v.reshape(grid.shape), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
-        ).astype(np.float32, copy=False)
+        x, y, z = placed
+        nearness = np.float32(camera.focal_px * scale) / np.minimum(z, np.float32(-1.0))
+        u = x * -nearness + np.float32((camera.centre_px[0] - 0.5) * scale)
+        v = y * nearness + np.float32((camera.centre_px[1] - 0.5) * scale)
+        grey = np.asarray(
+            cv2.remap(
+                picture, u.reshape(grid.shape), v.reshape(grid.shape), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+            ),
+            dtype=np.float32,
+        )
         height, width = picture.shape
-        inside = (u > 0) & (v > 0) & (u < width - 1) & (v < height - 1) & (placed[:, 2] < -1.0)
+        if u.min() > 0 and v.min() > 0 and u.max() < width - 1 and v.max() < height - 1 and z.max() < -1.0:
+            return grey, np.ones(grid.shape, np.float32)
+        inside = (u > 0) & (v > 0) & (u < width - 1) & (v < height - 1) & (z < -1.0)
         return grey, inside.reshape(grid.shape).astype(np.float32)
 
     def template(self, surface: Surface, rotation: Array, translation: Array) -> Template:
         """What this frame shows on a surface."""
-        textures, weights = [], []
-        for grid in surface.grids:
+
+        def made(level: int) -> Texture:
+            grid = surface.grids[level]
             grey, inside = self.unwrap(grid, rotation, translation)
-            textures.append(grey)
-            weights.append(inside * facing(grid, sight_of(grid, rotation, translation)))
-        return Template(tuple(textures), tuple(weights))
+            return Texture(grey, inside * facing(grid, sight_of(grid, rotation, translation)))
+
+        return Levels(made)
 
 
 def sight_of(grid: Grid, rotation: Array, translation: Array) -> Map:
-    """Directions from the camera to each place, in the head's axes, (N, 3)."""
-    ray = grid.points + (translation @ rotation).astype(np.float32)
-    return ray / np.sqrt(np.einsum("nk,nk->n", ray, ray))[:, None]
+    """Directions from the camera to each place, in the head's axes, (3, N)."""
+    ray = grid.points.T + (translation @ rotation).astype(np.float32)[:, None]
+    return np.asarray(ray / np.sqrt(_dot(ray, ray)))
 
 
 def facing(grid: Grid, sight: Map) -> Map:
     """Weight of each place by the angle at which it is seen, (H, W)."""
-    cosine = -np.einsum("nk,nk->n", grid.normals, sight)
-    return np.clip((cosine - GRAZING[0]) / (GRAZING[1] - GRAZING[0]), 0.0, 1.0).reshape(grid.shape)
+    cosine = -_dot(grid.normals.T, sight)
+    return _clipped((cosine - np.float32(GRAZING[0])) * np.float32(1 / (GRAZING[1] - GRAZING[0])), 0.0).reshape(
+        grid.shape
+    )
+
+
+def _dot(one: Map, other: Map) -> Map:
+    """Scalar products of vectors (3, N)."""
+    return np.asarray(one[0] * other[0] + one[1] * other[1] + one[2] * other[2])
+
+
+def _clipped(values: Map, low: float) -> Map:
+    """Between a bound and 1; numpy's own takes longer than everything else that is done with maps of this size."""
+    return np.minimum(np.maximum(values, np.float32(low)), np.float32(1.0))
 
 
 class LocalContrast:
@@ -231,9 +268,18 @@ class Plain:
 
 
 def box_mean(values: Map, size: int) -> Map:
-    """Mean over a square window about each place, of an odd size; 0 beyond the rim."""
-    mean = cv2.boxFilter(values, -1, (size, size), borderType=cv2.BORDER_CONSTANT)
-    return mean.astype(np.float32, copy=False)
+    """Mean over a square window about each place, of an odd size; 0 beyond the rim.
+
+    Two products with a band of ones, which on maps as small as these take half the time of a filter.
+    """
+    band = _band(len(values), size)
+    return np.asarray(band @ values @ band)
+
+
+@cache
+def _band(count: int, size: int) -> Map:
+    place = np.arange(count)
+    return (np.abs(place[:, None] - place) <= size // 2).astype(np.float32) / np.float32(size)
 
 
 def _odd(size: float) -> int:
@@ -268,7 +314,7 @@ def register(
     ----------
     view : View
     surface : Surface
-    template : Template
+    template : sequence of Texture
     rigid : tuple of ndarray, shape (H, W)
         Weight of each place, by level.
     rotation, translation : ndarray, shape (3, 3) and (3,)
@@ -290,30 +336,30 @@ def register(
         sight = sight_of(grid, rotation, translation)
         # One window of contrast for both, or what comes into sight at the rim would pull the middle along.
         front = facing(grid, sight)
-        common = template.weight[level] * front * view.unwrap(grid, rotation, translation)[1]
+        known = template[level]
+        grey, inside = view.unwrap(grid, rotation, translation)
+        common = known.weight * front * inside
         normalise = LocalContrast(common) if normalised else Plain(common)
-        texture = normalise(template.texture[level])
-        gradient = gradients(texture)
+        texture = normalise(known.grey)
         slides = _slides(grid, sight)
         base = common * rigid[level]
         for _ in range(iterations[level]):
-            grey, inside = view.unwrap(grid, rotation, translation)
             seen = normalise(grey)
             weight = base * inside
             if robust:
                 weight = weight * _weights(seen, texture, weight)
-            step = _step(slides, seen, texture, gradient, weight, COARSE_DAMPING if level else DAMPING)
+            step = _step(slides, seen, texture, weight, COARSE_DAMPING if level else DAMPING)
             step *= OVER
             rotation = rotation @ cv2.Rodrigues(step[:3])[0]
             translation = translation + rotation @ step[3:]
+            grey, inside = view.unwrap(grid, rotation, translation)
             if np.abs(step * UNITS).max() < LEAST_STEP * grid.spacing_mm:
                 break
     if not _sane(rotation, translation):
         return judge(view, surface, template, rigid, *start, normalised)
     # The last steps are short: what was in sight before them is in sight now.
-    grey, inside = view.unwrap(grid, rotation, translation)
     visible = inside * front
-    return _fit(rotation, translation, normalise(grey), texture, grey, visible, template.weight[level] * rigid[level])
+    return _fit(rotation, translation, normalise(grey), texture, grey, visible, known.weight * rigid[level])
 
 
 def judge(
@@ -329,10 +375,11 @@ def judge(
     grid = surface.grids[0]
     grey, inside = view.unwrap(grid, rotation, translation)
     visible = inside * facing(grid, sight_of(grid, rotation, translation))
-    common = template.weight[0] * visible
+    known = template[0]
+    common = known.weight * visible
     normalise = LocalContrast(common) if normalised else Plain(common)
-    seen, texture = normalise(grey), normalise(template.texture[0])
-    return _fit(rotation, translation, seen, texture, grey, visible, template.weight[0] * rigid[0])
+    seen, texture = normalise(grey), normalise(known.grey)
+    return _fit(rotation, translation, seen, texture, grey, visible, known.weight * rigid[0])
 
 
 def _fit(rotation: Array, translation: Array, seen: Map, texture: Map, grey: Map, visible: Map, worth: Map) -> Fit:
@@ -346,7 +393,7 @@ def _fit(rotation: Array, translation: Array, seen: Map, texture: Map, grey: Map
 
 def _agreeing(correlation: Map) -> Map:
     low, high = AGREEMENT
-    return np.clip((correlation - low) / (high - low), LEAST_AGREEMENT, 1.0)
+    return _clipped((correlation - np.float32(low)) * np.float32(1 / (high - low)), LEAST_AGREEMENT)
 
 
 def _weights(seen: Map, texture: Map, weight: Map) -> Map:
@@ -362,12 +409,15 @@ def _weights(seen: Map, texture: Map, weight: Map) -> Map:
 
 def _slides(grid: Grid, sight: Map) -> tuple[Map, Map]:
     """How far each place's column and row move under the six small motions of the head, (6, N) each."""
-    slope = -1.0 / np.minimum(np.einsum("nk,nk->n", grid.normals, sight), np.float32(-0.05))
-    out = []
-    for along in (grid.along_row, grid.along_column):
-        pull = along + grid.normals * (np.einsum("nk,nk->n", along, sight) * slope)[:, None]
-        (x, y, z), (a, b, c) = grid.points.T, pull.T
-        out.append(np.stack([y * c - z * b, z * a - x * c, x * b - y * a, a, b, c]))
+    normals, (x, y, z) = grid.normals.T, grid.points.T
+    slope = np.float32(-1.0) / np.minimum(_dot(normals, sight), np.float32(-0.05))
+    out = np.empty((2, 6, len(x)), np.float32)
+    for slides, along in zip(out, (grid.along_row.T, grid.along_column.T), strict=True):
+        pull = slides[3:]
+        np.multiply(normals, _dot(along, sight) * slope, out=pull)
+        pull += along
+        a, b, c = pull
+        slides[0], slides[1], slides[2] = y * c - z * b, z * a - x * c, x * b - y * a
     return out[0], out[1]
 
 
@@ -375,16 +425,14 @@ def gradients(texture: Map) -> tuple[Map, Map]:
     """Differences along columns and rows, smoothed across: noise in them would pass for information."""
     across = cv2.Sobel(texture, -1, 1, 0, scale=0.125, borderType=cv2.BORDER_REPLICATE)
     down = cv2.Sobel(texture, -1, 0, 1, scale=0.125, borderType=cv2.BORDER_REPLICATE)
-    return across.astype(np.float32, copy=False), down.astype(np.float32, copy=False)
+    return np.asarray(across, dtype=np.float32), np.asarray(down, dtype=np.float32)
 
 
-def _step(
-    slides: tuple[Map, Map], seen: Map, texture: Map, gradient: tuple[Map, Map], weight: Map, damping: float
-) -> Array:
+def _step(slides: tuple[Map, Map], seen: Map, texture: Map, weight: Map, damping: float) -> Array:
     """One Gauss-Newton step: rotation vector (rad) and translation (mm) in the head's axes."""
-    across, down = gradients(seen)
-    across, down = 0.5 * (across + gradient[0]), 0.5 * (down + gradient[1])
-    jacobian = slides[0] * across.ravel() + slides[1] * down.ravel()
+    across, down = gradients(np.float32(0.5) * (seen + texture))
+    jacobian = slides[0] * across.ravel()
+    jacobian += slides[1] * down.ravel()
     weighted = jacobian * weight.ravel()
     matrix = (weighted @ jacobian.T).astype(np.float64) / np.outer(UNITS, UNITS)
     right = -(weighted @ (seen - texture).ravel()).astype(np.float64) / UNITS

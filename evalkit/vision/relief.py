@@ -107,14 +107,15 @@ class Key:
 
     Attributes
     ----------
-    view : View
+    number : int
+        Of the frame.
     rotation, translation : ndarray
     places_px : ndarray, shape (J, 2)
     whiten : ndarray, shape (J, 2, 2)
         Takes pixels to standard deviations; 0 where a place was not found.
     """
 
-    view: View
+    number: int
     rotation: Array
     translation: Array
     places_px: Array
@@ -154,54 +155,62 @@ class Relief:
         """The places in the head's axes, (J, 3), mm."""
         return np.asarray(self._eye + self._distance[:, None] * self._rays)
 
-    def add(self, view: View, surface: Surface, first: Template, rotation: Array, translation: Array) -> Key:
+    def add(
+        self, number: int, view: View, surface: Surface, first: Template, rotation: Array, translation: Array
+    ) -> Key:
         """Measure where the places are in a frame at about a pose, and take it for a key frame."""
-        key = Key(view, rotation, translation, *_found(view, surface, first, rotation, translation, self.points))
+        key = Key(number, rotation, translation, *_found(view, surface, first, rotation, translation, self.points))
         self.keys.append(key)
         return key
 
     def adjust(self) -> None:
         """Fit the places and the poses of the key frames to each other."""
-        count, size = len(self._rays), 6 * len(self.keys)
+        keys, count = len(self.keys), len(self._rays)
+        size = 6 * keys
+        matrix, right = np.zeros((size + count, size + count)), np.zeros(size + count)
+        number, place = np.arange(keys), np.arange(size, size + count)
         for _ in range(ROUNDS):
             # Poses first, places last; the places' block is dense because of the prior.
-            matrix, right = np.zeros((size + count, size + count)), np.zeros(size + count)
+            matrix[:] = 0.0
+            miss, by_pose, by_distance = self._misses()
+            flat, each = by_pose.reshape(keys, -1, 6), miss.reshape(keys, -1, 1)
+            blocks = flat.transpose(0, 2, 1) @ flat + 1e-6 * np.eye(6)
+            for k in number:
+                matrix[6 * k : 6 * k + 6, 6 * k : 6 * k + 6] = blocks[k]
+            across = (by_distance[..., None, :] @ by_pose)[:, :, 0].transpose(0, 2, 1).reshape(size, count)
+            matrix[:size, size:], matrix[size:, :size] = across, across.T
             matrix[size:, size:] = self._prior
-            right[size:] = -self._prior @ (self._distance - self._first)
-            points = self.points
-            for number, key in enumerate(self.keys):
-                miss, by_pose, by_distance = self._misses(key, points)
-                at = slice(6 * number, 6 * number + 6)
-                matrix[at, at] = np.einsum("jai,jak->ik", by_pose, by_pose) + 1e-6 * np.eye(6)
-                across = np.einsum("jai,ja->ij", by_pose, by_distance)
-                matrix[at, size:], matrix[size:, at] = across, across.T
-                matrix[range(size, size + count), range(size, size + count)] += (by_distance**2).sum(axis=1)
-                right[at] = -np.einsum("jai,ja->i", by_pose, miss)
-                right[size:] -= (by_distance * miss).sum(axis=1)
+            matrix[place, place] += (by_distance**2).sum(axis=(0, 2))
+            right[:size] = -(flat.transpose(0, 2, 1) @ each).ravel()
+            right[size:] = -(by_distance * miss).sum(axis=(0, 2)) - self._prior @ (self._distance - self._first)
             step = np.linalg.solve(matrix, right)
-            for number, key in enumerate(self.keys):
-                turn, move = step[6 * number : 6 * number + 3], step[6 * number + 3 : 6 * number + 6]
-                key.rotation = nearest_rotation(key.rotation @ rotation_from_vector(turn))
-                key.translation = key.translation + move
+            for key, (*turn, x, y, z) in zip(self.keys, step[:size].reshape(keys, 6), strict=True):
+                key.rotation = nearest_rotation(key.rotation @ rotation_from_vector(np.array(turn)))
+                key.translation = key.translation + np.array([x, y, z])
             self._distance = self._distance + step[size:]
 
-    def _misses(self, key: Key, points: Array) -> tuple[Array, Array, Array]:
-        """Whitened misses (J, 2), and their derivatives by pose (J, 2, 6) and by distance (J, 2)."""
-        placed = points @ key.rotation.T + key.translation
-        depth, focal = -placed[:, 2], self._camera.focal_px
-        miss = np.einsum("jab,jb->ja", key.whiten, self._camera.project(placed) - key.places_px)
+    def _misses(self) -> tuple[Array, Array, Array]:
+        """Whitened misses (K, J, 2), and their derivatives by pose (K, J, 2, 6) and by distance (K, J, 2)."""
+        points = self.points
+        rotations, translations, seen, whiten = (
+            np.stack([getattr(key, name) for key in self.keys])
+            for name in ("rotation", "translation", "places_px", "whiten")
+        )
+        placed = points @ rotations.transpose(0, 2, 1) + translations[:, None]
+        depth, focal = -placed[..., 2], self._camera.focal_px
+        miss = (whiten @ (self._camera.project(placed) - seen)[..., None])[..., 0]
         # Geman & McClure's weight: what moves by itself does not count.
-        weight = 1.0 / (1.0 + (miss**2).sum(axis=1) / DISAGREEING**2)
-        by_place = np.zeros((len(points), 2, 3))
-        by_place[:, 0, 0], by_place[:, 1, 1] = focal / depth, -focal / depth
-        by_place[:, 0, 2], by_place[:, 1, 2] = focal * placed[:, 0] / depth**2, -focal * placed[:, 1] / depth**2
-        by_place = weight[:, None, None] * (key.whiten @ by_place)
-        turned = by_place @ key.rotation
+        weight = 1.0 / (1.0 + (miss**2).sum(axis=-1) / DISAGREEING**2)
+        by_place = np.zeros((*depth.shape, 2, 3))
+        by_place[..., 0, 0], by_place[..., 1, 1] = focal / depth, -focal / depth
+        by_place[..., 0, 2], by_place[..., 1, 2] = focal * placed[..., 0] / depth**2, -focal * placed[..., 1] / depth**2
+        by_place = weight[..., None, None] * (whiten @ by_place)
+        turned = by_place @ rotations[:, None]
         by_turn = -turned @ cross_matrix(points)
         return (
-            weight[:, None] * miss,
-            np.concatenate([by_turn, by_place], axis=2),
-            np.einsum("jab,jb->ja", turned, self._rays),
+            weight[..., None] * miss,
+            np.concatenate([by_turn, by_place], axis=-1),
+            (turned @ self._rays[..., None])[..., 0],
         )
 
     def surface(self) -> Surface:
@@ -251,16 +260,15 @@ def _found(
     grid = surface.grids[0]
     size = grid.shape[0]
     grey, inside = view.unwrap(grid, rotation, translation)
-    common = first.weight[0] * inside * facing(grid, sight_of(grid, rotation, translation))
+    common = first[0].weight * inside * facing(grid, sight_of(grid, rotation, translation))
     normalise = LocalContrast(common)
-    texture, gradient = normalise(first.texture[0]), gradients(normalise(first.texture[0]))
+    texture = normalise(first[0].grey)
     column, row = (np.ascontiguousarray(x, dtype=np.float32) for x in np.meshgrid(np.arange(size), np.arange(size)))
     flow = np.zeros((2, size, size), np.float32)
     for _ in range(FLOW_ROUNDS):
         moved = cv2.remap(grey, column + flow[0], row + flow[1], cv2.INTER_LINEAR)
         seen = normalise(moved.astype(np.float32, copy=False))
-        now = gradients(seen)
-        x, y = 0.5 * (now[0] + gradient[0]), 0.5 * (now[1] + gradient[1])
+        x, y = gradients(np.float32(0.5) * (seen + texture))
         rest = seen - texture
         xx, xy, yy, xr, yr, rr, mass = (
             box_mean(common * v, FLOW_WINDOW) for v in (x * x, x * y, y * y, x * rest, y * rest, rest * rest, 1 + 0 * x)
@@ -298,8 +306,10 @@ def _cells(points: Array, surface: Surface) -> Array:
 
 def _read(values: Array | Map, at: Array) -> Array:
     """Values (J, C) of a map (H, W, C) at columns and rows (J, 2), bilinear."""
-    from scipy.ndimage import map_coordinates
-
-    return np.stack(
-        [map_coordinates(layer, at.T[::-1], order=1, mode="nearest") for layer in np.moveaxis(values, -1, 0)], axis=-1
-    )
+    last = np.array(values.shape[1::-1]) - 1
+    at = np.clip(at, 0, last)
+    column, row = np.minimum(at.astype(int), last - 1).T
+    across, down = (at - np.stack([column, row], axis=1)).T[..., None]
+    upper = values[row, column] * (1 - across) + values[row, column + 1] * across
+    lower = values[row + 1, column] * (1 - across) + values[row + 1, column + 1] * across
+    return np.asarray(upper * (1 - down) + lower * down)

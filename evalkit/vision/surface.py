@@ -7,8 +7,10 @@ unwrapped face looks like its picture.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Generic, TypeVar, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +27,38 @@ FINEST = 48
 
 LEVELS = 3
 
+T = TypeVar("T")
+
+
+class Levels(Sequence[T], Generic[T]):
+    """Something at every level, finest first, each made when it is first asked for: most frames need the finest alone.
+
+    Parameters
+    ----------
+    make : callable
+        Gives the value at a level.
+    """
+
+    def __init__(self, make: Callable[[int], T]) -> None:
+        self._make = make
+        self._made: dict[int, T] = {}
+
+    @overload
+    def __getitem__(self, level: int) -> T: ...
+    @overload
+    def __getitem__(self, level: slice) -> Sequence[T]: ...
+    def __getitem__(self, level: int | slice) -> T | Sequence[T]:
+        if isinstance(level, slice):
+            return [self[k] for k in range(*level.indices(LEVELS))]
+        if not 0 <= level < LEVELS:
+            raise IndexError(level)
+        if level not in self._made:
+            self._made[level] = self._make(level)
+        return self._made[level]
+
+    def __len__(self) -> int:
+        return LEVELS
+
 
 @dataclass(frozen=True, eq=False)
 class Grid:
@@ -33,7 +67,7 @@ class Grid:
     Attributes
     ----------
     points : ndarray of float32, shape (N, 3), mm
-        Row by row.
+        Row by row; like all of these laid out with the N of a coordinate side by side, which is read in one go.
     normals : ndarray of float32, shape (N, 3)
         Outward, length 1.
     along_row, along_column : ndarray of float32, shape (N, 3), 1/mm
@@ -74,9 +108,9 @@ class Surface:
         return cls(np.full((FINEST + 1, FINEST + 1), radius_mm), top_mm, bottom_mm)
 
     @cached_property
-    def grids(self) -> tuple[Grid, ...]:
+    def grids(self) -> Levels[Grid]:
         """From the finest to the coarsest, each with half the rows and columns of the one before."""
-        return tuple(self._grid(FINEST >> level) for level in range(LEVELS))
+        return Levels(lambda level: self._grid(FINEST >> level))
 
     def _grid(self, size: int) -> Grid:
         # Middles of the cells, so that every level covers the same patch of skin.
@@ -92,7 +126,9 @@ class Surface:
         along_row, along_column = np.cross(down, normals), np.cross(normals, across)
         along_row /= (along_row * across).sum(axis=-1, keepdims=True)
         along_column /= (along_column * down).sum(axis=-1, keepdims=True)
-        flat = np.stack([points, normals, along_row, along_column]).reshape(4, -1, 3).astype(np.float32)
+        flat = [
+            np.ascontiguousarray(a.reshape(-1, 3).T, np.float32).T for a in (points, normals, along_row, along_column)
+        ]
         spacing_mm = float(np.sqrt(np.linalg.norm(across, axis=-1).mean() * np.linalg.norm(down, axis=-1).mean()))
         return Grid(flat[0], flat[1], flat[2], flat[3], (size, size), spacing_mm)
 
