@@ -432,7 +432,7 @@ class _Work:
         if first is None:
             return
         common = (self.compensated, self.rigid, self.performer)
-        entry = _store(*first, parts / "0", options, *common)
+        entry, _ = _stored_part((*first, parts / "0", options, *common))
         # The first take settles markers and rate for all others.
         settled = replace(options, labels=tuple(entry["labels"]), rate_hz=entry["rate_hz"])
         yield entry, parts / "0"
@@ -440,7 +440,7 @@ class _Work:
         if self.scheduler:
             yield from _on_cluster(calls, self.scheduler)
         elif self.jobs == 1:
-            yield from ((_store(*call), call[2]) for call in calls)
+            yield from map(_stored_part, calls)
         else:
             yield from _in_processes(calls, self.jobs)
 
@@ -564,7 +564,7 @@ def _check(options: TakeOptions) -> None:
 
 def _manifest(options: TakeOptions, entries: list[dict[str, Any]]) -> dict[str, Any]:
     """Description of a database of these takes; its digest is that of what it holds and how it was made."""
-    known = np.array([[value is not None for value in entry["neutral"]] for entry in entries]).all(axis=0)
+    known = np.asarray(np.all([[value is not None for value in entry["neutral"]] for entry in entries], axis=0))
     settings = {name: value for name, value in asdict(options).items() if name not in ("labels", "rate_hz")}
     content = {
         "version": VERSION,
