@@ -222,7 +222,8 @@ def _opened(folder: Path, manifest: dict[str, Any]) -> Database:
 def _stored(entry: dict[str, Any]) -> StoredTake:
     neutral = np.array([np.nan if value is None else value for value in entry["neutral"]])
     rest = np.array(entry["rest_mm"], dtype=np.float64).reshape(-1, 3)
-    return StoredTake(entry["name"], entry["performer"], *map(int, entry["rows"]), neutral, rest, entry)
+    start, stop = map(int, entry["rows"])
+    return StoredTake(entry["name"], entry["performer"], start, stop, neutral, rest, entry)
 
 
 def _mapped(path: Path, rows: int, shape: tuple[int, ...]) -> NDArray[np.float32]:

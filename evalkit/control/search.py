@@ -27,6 +27,9 @@ COMPONENTS = 24
 SAMPLE = 20_000
 """Windows that the components are found from; any others would be right, too, only less quick."""
 
+BATCH = 16
+"""Queries whose bounds are worked out together, where more than one is asked."""
+
 SLACK = 1e-5
 """Part of the largest squared length by which squared distances in single precision may be wrong: some ten times
 2^-24, times the square root of the number of terms."""
@@ -147,7 +150,9 @@ class PrunedSearcher(_OneByOne):
         left = np.sqrt(np.maximum((off**2).sum(axis=1) - (lead**2).sum(axis=1), 0.0))
         folded = np.column_stack([lead, left]).astype(np.float32)
         for q, point in enumerate(points):
-            bounds = self._table @ folded[q]
+            if q % BATCH == 0:
+                batch = folded[q : q + BATCH] @ self._table.T
+            bounds = batch[q % BATCH]
             bounds *= -2.0
             bounds += self._constant
             own = float((folded[q].astype(np.float64) ** 2).sum())

@@ -163,7 +163,7 @@ def _prepared(
     face = frontal_markers(take)
     points = _resampled(take.points[:, take.indices(labels)] @ face.rotation.T, take.rate, rate_hz)
     seen = np.isfinite(points[:, :, 0])
-    never = [label for label, any_ in zip(labels, seen.any(axis=0), strict=True) if not any_]
+    never = [label for k, label in enumerate(labels) if not seen[:, k].any()]
     if never:
         raise EvalkitError(f"marker '{never[0]}' is never seen{_more(never)}; leave it out with --markers")
     points[_jumps(points, seen, rate_hz)] = np.nan
@@ -229,7 +229,7 @@ def _bridged(points: Array, rate_hz: float, gap_s: float) -> tuple[Array, NDArra
     missing = ~np.isfinite(points[:, :, 0])
     bridged = missing & _no_longer(missing, round(gap_s * rate_hz))
     values = np.where(bridged[:, :, None], fill_gaps(points, rate_hz, "interpolate").values, points)
-    return values, ~(missing & ~bridged).any(axis=1), bridged
+    return values, np.asarray((~missing | bridged).all(axis=1)), bridged
 
 
 def _no_longer(missing: NDArray[np.bool_], most: int) -> NDArray[np.bool_]:
