@@ -88,11 +88,14 @@ class Page:
         self.mouse("mousePressed", x, y)
         self.mouse("mouseReleased", x, y)
 
-    def drag(self, start: tuple[float, float], end: tuple[float, float], steps: int = 8) -> None:
+    def drag(
+        self, start: tuple[float, float], end: tuple[float, float], steps: int = 8, held_s: float = 0.0
+    ) -> None:  # fmt: skip
         """Drag from one place to another as a hand does: in steps, and not at once after the last click."""
         time.sleep(0.5)
         self.call("Input.dispatchMouseEvent", type="mouseMoved", x=start[0], y=start[1])
         self.mouse("mousePressed", *start, buttons=1)
+        time.sleep(held_s)
         for k in range(1, steps + 1):
             at = [a + (b - a) * k / steps for a, b in zip(start, end, strict=True)]
             self.mouse("mouseMoved", *at, buttons=1)

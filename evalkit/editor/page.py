@@ -28,6 +28,12 @@ HELP = """**Drag** a point to where it belongs; the wheel zooms, pan and reset a
 are the person's. A **click** on the photo places the next point; *Delete* takes the chosen one away."""
 
 
+PATIENT_PRESS = """
+const gestures = Bokeh.index.get_one(plot).canvas?.ui_event_bus?.ui_gestures
+if (gestures != null) { gestures.constructor.press_threshold = 1e9 }"""
+"""Bokeh takes a button that is held still for 0.3 s, by a careful hand or on a busy machine, for no drag any more."""
+
+
 ASKED = {
     "pupil right": "the middle of the person's right eye, on the left",
     "pupil left": "the middle of the person's left eye, on the right",
@@ -105,6 +111,7 @@ class Editor:
         self._stale = True
         self._busy = False
         self._from_page = False
+        self._closed = False
 
     @classmethod
     def open(cls, photo: Path, points: Path | None = None, head: Head | None = None, **more: Any) -> Editor:
@@ -179,7 +186,7 @@ class Editor:
             slider.param.watch(lambda _: pn.state.execute(self._show), "value")
 
     def _photo_with_points(self) -> tuple[Any, Any]:
-        from bokeh.models import ColumnDataSource, HoverTool, LabelSet, PointDrawTool, Range1d
+        from bokeh.models import ColumnDataSource, CustomJS, HoverTool, LabelSet, PointDrawTool, Range1d
         from bokeh.plotting import figure
 
         wide, high = self.editing.photo.size
@@ -215,6 +222,7 @@ class Editor:
         plot.add_tools(drag)
         plot.toolbar.active_tap = drag
         plot.toolbar.active_drag = drag
+        plot.js_on_event("mouseenter", CustomJS(args={"plot": plot}, code=PATIENT_PRESS))
         source.on_change("data", self._edited)
         return source, plot
 
@@ -305,7 +313,7 @@ class Editor:
             return
         self._busy = True
         try:
-            while self._stale:
+            while self._stale and not self._closed:
                 self._stale = False
                 if any(name in REQUIRED for name in self.editing.missing):
                     self._say(f"Click {ASKED.get(self.editing.next or '', self.editing.next)} in the photo.", "info")
@@ -325,7 +333,8 @@ class Editor:
     async def _show(self) -> None:
         import asyncio
 
-        if self.preview.head is None:
+        # A page may be left while its head is fitted.
+        if self.preview.head is None or self._closed:
             return
         run = asyncio.get_running_loop().run_in_executor
         self.picture.object = await run(self._artist, self.preview.picture, self.turn.value, self.mouth.value)
@@ -336,6 +345,7 @@ class Editor:
 
     def close(self) -> None:
         """Give back the window behind the preview."""
+        self._closed = True
         self._artist.submit(self.preview.close)
         self._artist.shutdown()
 
