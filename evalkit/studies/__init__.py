@@ -48,6 +48,7 @@ MODULES = (
     "transfer_animation",
     "left_or_right_mapping",
     "example_choice",
+    "knn",
 )
 """Files of this folder that hold a ``study``, by theme; ``studies`` is the table of them, name to study, from which
 the command line and the tests take their lists. They are imported when it is first looked at."""
