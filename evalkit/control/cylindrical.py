@@ -219,7 +219,7 @@ def correspond(
     side = np.sign(source_sides[triangles].sum(axis=1)).astype(np.int8)
     found = covering(points[:, :2], flat[:, :2], triangles)
     same = ~opposite(target_sides[found.point], side[found.triangle])
-    point, triangle, shares = (part[same] for part in found)
+    point, triangle, shares = found.point[same], found.triangle[same], found.shares[same]
     depth = (flat[triangles[triangle], 2] * shares).sum(axis=1)
     off = np.abs(depth - points[point, 2])
     turned = [
