@@ -216,6 +216,7 @@ def kernel_spread(source: Source) -> csr_array:
 
 spreads: dict[str, Callable[[Source], csr_array]] = {
     "barycentric": barycentric_spread,
+    "barycentric without slits": lambda source: barycentric_spread(source, slits=False),
     "kernel": kernel_spread,
 }
 """How marker motion spreads over the performer's skin, name to ``source -> weights (V, M)``."""

@@ -48,6 +48,8 @@ MODULES = (
     "transfer_animation",
     "left_or_right_mapping",
     "example_choice",
+    "factorisation",
+    "retarget",
     "knn",
 )
 """Files of this folder that hold a ``study``, by theme; ``studies`` is the table of them, name to study, from which
