@@ -67,9 +67,9 @@ class Factorisation:
     condition : float
         Of the chosen frames: largest over least singular value of their 3L rows.
     largest_condition : float
-        The condition number at which their weakest direction would be that of the noise.
+        The condition number from which on their weakest direction may be that of the noise.
     noise_mm : float
-        Standard deviation per axis, from the singular values beyond 3L.
+        What is left beyond 3L dimensions, rms per axis: the noise, if the model holds.
     misfit : float
         Part of the square of the blocks that is no scaled rotation: 0 where the model holds.
     """
@@ -157,9 +157,9 @@ def factorise(
     limit = float(size[0] / (SAFETY * noise_mm * (np.sqrt(markers) + np.sqrt(rank)))) if size[0] > 0 else 0.0
     if condition > limit and refuse:
         raise EvalkitError(
-            f"the {count} most independent frames are nearly dependent: condition number {condition:.3g}, and "
-            f"{noise_mm:.2g} mm of noise allow {limit:.3g}; the deformation has fewer than {rank} dimensions: "
-            "ask for fewer bases, or align on rigid markers instead"
+            f"the {count} most independent frames are nearly dependent: condition number {condition:.3g}, where "
+            f"{noise_mm:.2g} mm beyond {rank} dimensions allow {limit:.3g}; the face moves in fewer: ask for fewer "
+            "bases, or align on rigid markers instead"
         )
     turns, amounts, misfit = rotations_and_coefficients(factor, chosen)
     if misfit > MAX_MISFIT and refuse:
