@@ -249,7 +249,7 @@ def build_database(
     shortest_s: float = SHORTEST_S,
     jobs: int = 1,
     scheduler: str | None = None,
-    done: Callable[[str], None] | None = None,
+    done: Callable[[str], object] | None = None,
 ) -> Database:
     """Build a database out of captures.
 
@@ -331,7 +331,7 @@ def add_takes(
     performer: str = "",
     jobs: int = 1,
     scheduler: str | None = None,
-    done: Callable[[str], None] | None = None,
+    done: Callable[[str], object] | None = None,
 ) -> Database:
     """Add takes to a database; those that it has are not worked on again.
 
@@ -385,9 +385,10 @@ def add_takes(
     except BaseException:
         _drop_after(folder, before)
         raise
-    if after["parameters_file"] != manifest["parameters_file"]:
+    # What was made for the database as it was: its normalised parameters, neighbour graphs.
+    for old in folder.glob(f"*-{before.digest[:16]}.npy"):
         with contextlib.suppress(OSError):
-            (folder / manifest["parameters_file"]).unlink()
+            old.unlink()
     return open_database(folder)
 
 
@@ -401,7 +402,7 @@ class _Work:
     performer: str
     jobs: int
     scheduler: str | None
-    done: Callable[[str], None]
+    done: Callable[[str], object]
 
     def takes(
         self, options: TakeOptions, parts: Path, before: Sequence[dict[str, Any]]

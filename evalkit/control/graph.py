@@ -10,8 +10,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from evalkit.control.database import Database
 from evalkit.control.motion_windows import MotionWindows, Rows
 from evalkit.geometry import Array
+from evalkit.results import staged
 from evalkit.seeds import generator
 
 DEGREE = 16
@@ -45,6 +47,28 @@ def neighbour_graph(parameters: ArrayLike, segments: ArrayLike, window: int, deg
         kept = np.take_along_axis(numbers, order, axis=1)[:, : min(degree, len(windows) - 1)]
         graph[part, : kept.shape[1]] = kept
     return graph
+
+
+def stored_graph(database: Database, window: int, degree: int = DEGREE) -> NDArray[np.int32]:
+    """The neighbour graph of a database, out of its folder; made and kept there the first time.
+
+    Parameters
+    ----------
+    database : Database
+    window, degree : int
+
+    Returns
+    -------
+    ndarray of int, shape (n, degree)
+        For ``GraphSearcher(..., graph=...)``, mapped from its file.
+    """
+    # The digest in the name: the graph of a database that has grown since is another one.
+    path = database.folder / f"graph-{window}-{degree}-{database.digest[:16]}.npy"
+    if not path.is_file():
+        graph = neighbour_graph(database.parameters[:, database.known], database.segments, window, degree)
+        with staged(database.folder) as stage:
+            np.save(stage / path.name, graph)
+    return np.asanyarray(np.load(path, mmap_mode="r"))
 
 
 class GraphSearcher:
