@@ -69,31 +69,37 @@ def table(takes):
     return scores
 
 
+@pytest.mark.slow
 def test_the_yardsticks_are_those_measured_before(table):
     np.testing.assert_allclose(table["raw"][:, 0], [2.85, 3.62], atol=0.01)
     np.testing.assert_allclose(table["svd triangle"], [[1.04, 1.01, 1.26], [2.49, 2.30, 2.19]], atol=0.01)
     np.testing.assert_allclose(table["svd candidates"], [[0.72, 0.71, 1.06], [1.77, 1.74, 1.20]], atol=0.01)
 
 
+@pytest.mark.slow
 def test_automatic_weighting_is_as_good_as_it_was(table):
     np.testing.assert_allclose(table["auto"], [[0.54, 0.57, 0.94], [1.46, 1.76, 1.11]], atol=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["auto", "weights"])
 def test_never_worse_than_nothing_or_than_the_forehead_triangle(table, method):
     assert (table[method] < table["raw"]).all()
     assert (table[method] < table["svd triangle"]).all()
 
 
+@pytest.mark.slow
 def test_better_than_the_candidates_with_equal_weights(table):
     assert table["auto"].mean() <= 0.9 * table["svd candidates"].mean()
     assert table["weights"].mean() <= 0.95 * table["svd candidates"].mean()
 
 
+@pytest.mark.slow
 def test_control_covariances_given_to_the_wrong_markers(table):
     assert table["shuffled"].mean() > 1.2 * table["auto"].mean()
 
 
+@pytest.mark.slow
 def test_control_variances_without_the_leverage_correction_collapse(takes):
     """Residual variances alone: the marker that counts most has the smallest residual and counts even more."""
     take = takes["cheeks"]

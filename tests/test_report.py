@@ -189,7 +189,9 @@ def test_the_published_alternation_shows_its_outer_iterations_and_search(tmp_pat
 @pytest.mark.parametrize(
     ("file", "rigid"),
     [
-        ("animface_cheeks.c3d", ["ForeHead_M", "ForeHead_L", "ForeHead_R", "NoseTop"]),
+        pytest.param(
+            "animface_cheeks.c3d", ["ForeHead_M", "ForeHead_L", "ForeHead_R", "NoseTop"], marks=pytest.mark.slow
+        ),
         ("pycgm_movement_trial.c3d", ["LFHD", "RFHD", "LBHD", "RBHD"]),
     ],
 )
@@ -204,7 +206,7 @@ def test_real_takes(tmp_path: Path, file: str, rigid: list[str]) -> None:
     assert len(page.raw) < 7_000_000
 
 
-@pytest.mark.parametrize("markers", [3, 41])
+@pytest.mark.parametrize("markers", [3, pytest.param(41, marks=pytest.mark.slow)])
 def test_few_and_many_markers_and_automatic_choice(tmp_path: Path, markers: int) -> None:
     take, truth = evalkit.synthesize("talking", seed=1, frames=60)
     columns = take.indices(truth.rigid)

@@ -37,7 +37,7 @@ def error_of(take, truth, labels):
     return rms(rotation_error_deg(pose.rotations, truth.rotations, pose.ok))
 
 
-@pytest.mark.parametrize("preset", ["talking", "skin", "worst-day", "gaps"])
+@pytest.mark.parametrize("preset", [pytest.param("talking", marks=pytest.mark.slow), "skin", "worst-day", "gaps"])
 def test_better_than_every_subset_a_user_would_name(preset):
     ours, theirs = [], []
     for seed in range(3):

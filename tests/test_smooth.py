@@ -207,7 +207,7 @@ def test_too_few_frames_are_left_as_they_are():
 # --- what it gains, and where it loses -------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("noise", "most"), [(0.1, 0.52), (0.3, 0.43), (1.0, 0.34)])
+@pytest.mark.parametrize(("noise", "most"), [(0.1, 0.52), pytest.param(0.3, 0.43, marks=pytest.mark.slow), (1.0, 0.34)])
 def test_ordinary_talk_gains(noise, most):
     """Measured over 20 seeds: 0.46, 0.37 and 0.30 of the raw error, hardly more where the head is fastest."""
     raw, own, quick, predicted = [], [], [], []

@@ -23,7 +23,7 @@ from evalkit.transfer.matrices import (
     product,
 )
 
-COUNT, SAMPLE = 10_000, 100
+COUNT, SAMPLE = 10_000, 25
 """So many at once, of which so many are compared with a loop of scipy.linalg."""
 
 EXACT = 1e-12

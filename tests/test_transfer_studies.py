@@ -196,6 +196,7 @@ def test_a_head_that_is_not_here_is_one_line(monkeypatch, name, axis, value):
     assert all("set EVALKIT_REAL_DATA to the folder" in row["message"] for row in table.rows)
 
 
+@pytest.mark.slow
 def test_rows_do_not_depend_on_the_number_of_processes(monkeypatch):
     # Other processes have all expressions; so does this one for once.
     monkeypatch.setattr(transfers, "character", character)
