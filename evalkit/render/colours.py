@@ -12,3 +12,9 @@ FREE = BLUE
 PIVOT = GREEN
 AXES = (VERMILION, GREEN, BLUE)
 """x, y, z."""
+
+
+def bgr(colour: str) -> tuple[int, int, int]:
+    """A colour as OpenCV's blue, green, red."""
+    red, green, blue = bytes.fromhex(colour.removeprefix("#"))
+    return blue, green, red

@@ -73,7 +73,7 @@ class Overlay:
         head = self.track.head
         status = TrackStatus(int(head.status[index]))
         if status != TrackStatus.LOST:
-            self._cylinder(out, index, scale, _bgr(STATUS_COLOURS[status]))
+            self._cylinder(out, index, scale, colours.bgr(STATUS_COLOURS[status]))
             self._axes(out, index, scale)
             self._points(out, index, scale)
         self._words(out, index, status)
@@ -106,7 +106,7 @@ class Overlay:
         start = np.array([0.0, 0.0, float(self.surface.radii_mm.mean())])
         ends = self._project(np.vstack([start, start + AXIS_MM * np.eye(3)]), index, scale)
         for end, colour in zip(ends[1:], colours.AXES, strict=True):
-            _polyline(out, np.stack([ends[0], end]), _bgr(colour), 3)
+            _polyline(out, np.stack([ends[0], end]), colours.bgr(colour), 3)
 
     def _points(self, out: Picture, index: int, scale: int) -> None:
         """Dots that are the fainter, the less sure the point is."""
@@ -120,7 +120,7 @@ class Overlay:
 
     def _words(self, out: Picture, index: int, status: TrackStatus) -> None:
         height, width = out.shape[:2]
-        colour = _bgr(STATUS_COLOURS[status])
+        colour = colours.bgr(STATUS_COLOURS[status])
         head, known = self.track.head, int(np.isfinite(self.track.parameters[index]).sum())
         text = f"{status.text.upper()}  frame {self.first_frame + index}  {head.times_s[index]:.2f} s"
         if status == TrackStatus.LOST:
@@ -139,11 +139,6 @@ class Overlay:
 
 def _scale(height: int) -> int:
     return max(-(-LEAST_HEIGHT // height), 1)
-
-
-def _bgr(colour: str) -> tuple[int, int, int]:
-    red, green, blue = bytes.fromhex(colour.removeprefix("#"))
-    return blue, green, red
 
 
 def _fixed(pixels: Array) -> NDArray[np.int32]:
