@@ -19,8 +19,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from evalkit.capture import Capture
 from evalkit.capture.rigid import MIN_SEEN, RigidMarkers, choose_rigid
+from evalkit.compensation import pose_or_error
 from evalkit.control.denoising import denoised, noise_level, principal, scores
-from evalkit.errors import EvalkitError, FrameStatus
+from evalkit.errors import EvalkitError
 from evalkit.geometry import Array, apply_motion, cross_matrix, mean_rotation, undo_motion
 from evalkit.pose import Pose, PoseEstimator, pose_estimators, reference_pose
 from evalkit.pose.model import whole_markers
@@ -111,12 +112,10 @@ def align(
         raise EvalkitError(f"noise of {noise_mm} mm; give a standard deviation above 0, or leave it out")
     chosen, estimator = _markers(take, rigid)
     warnings = [*take.warnings, *chosen.warnings]
-    weights = None if estimator is not None or (chosen.weights == 1.0).all() else chosen.weights
     columns = np.asarray(chosen.columns)
-    svd = pose_estimators["svd"]
+    first = pose_or_error(pose_estimators["svd"], points[:, columns], "mean", chosen, "svd")
     used, rank = points, len(positions)
     if truncate:
-        first = reference_pose(svd, points[:, columns], weights=chosen.weights, labels=chosen.labels)
         middle = apply_motion(first.rotations, first.translations, first.template.mean(axis=0)[None])[:, 0]
         # Markers seldom seen are not part of the matrix; those that the pose needs always are.
         often = positions[np.isfinite(points[:, positions, 0]).mean(axis=0) >= MIN_SEEN]
@@ -128,10 +127,7 @@ def align(
     if estimator is not None:
         posed, rounds = reference_pose(estimator, used[:, columns], labels=chosen.labels), 0
     else:
-        posed, rounds = _procrustes(used[:, columns], noise_mm, weights, chosen.labels)
-    if not posed.ok.any():
-        worst = FrameStatus(int(np.bincount(posed.status).argmax())).text
-        raise EvalkitError(f"no frame gives a head pose from {', '.join(chosen.labels)} ({worst}); choose others")
+        posed, rounds = _procrustes(used[:, columns], noise_mm, chosen.labels)
     origin, middle_turn = posed.template.mean(axis=0), mean_rotation(posed.rotations)
     rotations = posed.rotations @ middle_turn.T
     translations = apply_motion(posed.rotations, posed.translations, origin[None])[:, 0]
@@ -151,10 +147,10 @@ def _markers(take: Capture, rigid: str | Sequence[str]) -> tuple[RigidMarkers, P
     return found, None if found.model is None else skin_estimator(found.model)
 
 
-def _procrustes(points: Array, noise_mm: float, weights: Array | None, labels: Sequence[str]) -> tuple[Pose, int]:
+def _procrustes(points: Array, noise_mm: float, labels: Sequence[str]) -> tuple[Pose, int]:
     """Poses by least squares with weights ``1 / (variance + floor²)``, made anew until they settle, and the rounds."""
     svd = pose_estimators["svd"]
-    posed = reference_pose(svd, points, weights=weights, labels=labels)
+    posed = reference_pose(svd, points, labels=labels)
     size = float(np.sqrt(((posed.template - posed.template.mean(axis=0)) ** 2).sum(axis=1).mean()))
     # Without a floor the weights collapse onto three markers, which any pose fits.
     floor = max(noise_mm, FLOOR * size) ** 2
@@ -190,8 +186,9 @@ class AlignedBases:
         Whether it has.
     rigid_share : ndarray, shape (3,)
         Of a small nod, turn and tilt of the mean shape about its origin (axes x, y, z), the part (by its square, the
-        translation left out) that lies in the span of the bases. At 1 no one can tell such a turn of the head from an
-        expression; an open jaw lends to the nod.
+        translation left out) that lies in the span of the bases: how much of it could as well be an expression. An
+        opening jaw gives much to the nod. Shapes that were laid on all of their markers have 0, which proves nothing:
+        there the expression has been taken for the nod.
     """
 
     mean: Array

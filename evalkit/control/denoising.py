@@ -18,6 +18,12 @@ from evalkit.geometry import Array, blocks
 DIFFERENCES = 3
 """Order of the differences in time that the noise is read from: a marker that speeds up evenly has none."""
 
+CHI_SQUARE_MEDIAN = 2.365974
+"""With three degrees of freedom."""
+
+RUNS = 10
+"""Runs of frames, spread over the take, that it is read from."""
+
 SUBSET = 5000
 """Rows, spread over the take, that principal axes are taken from: their error is then a seventieth of the noise."""
 
@@ -32,8 +38,9 @@ TOLERANCE = 1e-4
 def noise_level(points: ArrayLike) -> float:
     """Standard deviation per axis of white noise on smooth motion, from third differences in time.
 
-    ``sigma = median |d| / (0.6745 sqrt(20))`` over all markers, axes and frames: the third difference of white noise
-    has 1 + 9 + 9 + 1 times its variance, and a median does not mind quick movements. Noise that neighbouring frames
+    ``sigma² = median |d|² / (20 * 2.366)`` over all markers and frames: the third difference of white noise has
+    1 + 9 + 9 + 1 times its variance, 2.366 is the median of chi-square with three degrees of freedom, and a median does
+    not mind quick movements. Noise that neighbouring frames
     share is missed in part: less is then cut off than could be.
 
     Parameters
@@ -50,10 +57,15 @@ def noise_level(points: ArrayLike) -> float:
     Hall, Kay & Titterington, "Asymptotically optimal difference-based estimation of variance in nonparametric
     regression", Biometrika 77 (1990), doi:10.1093/biomet/77.3.521.
     """
-    steps = np.abs(np.diff(np.asarray(points, dtype=np.float64), n=DIFFERENCES, axis=0))
-    steps = steps[np.isfinite(steps)]
+    x = np.asarray(points, dtype=np.float64)
+    runs = list(blocks(len(x)))
+    runs = runs[:: max(len(runs) // RUNS, 1)]
+    # Lengths, not coordinates: the figure must not depend on the axes.
+    squares = [(np.diff(x[run], n=DIFFERENCES, axis=0) ** 2).sum(axis=2).ravel() for run in runs]
+    known = np.concatenate([*squares, np.zeros(0)])
+    known = known[np.isfinite(known)]
     gain = sum(comb(DIFFERENCES, k) ** 2 for k in range(DIFFERENCES + 1))
-    return float(np.median(steps) / (0.6745 * np.sqrt(gain))) if steps.size else 0.0
+    return float(np.sqrt(np.median(known) / (gain * CHI_SQUARE_MEDIAN))) if known.size else 0.0
 
 
 def elbow(strength: ArrayLike, rows: int, columns: int, noise_mm: float) -> int:
