@@ -82,7 +82,7 @@ $(VENV)/installed-docs: pyproject.toml constraints.txt | $(BIN)/python
 	$(PIP) install $(PIP_FLAGS) -c constraints.txt -e '.[test,docs]'
 	@touch $@ $(VENV)/installed $(VENV)/installed-test
 
-regress: $(VENV)/installed
+regress: $(VENV)/installed-test
 	$(BIN)/evalkit regress
 
 lint: $(VENV)/installed-test

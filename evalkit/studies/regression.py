@@ -23,8 +23,10 @@ from evalkit.metrics import expression_error_mm, rms, rotation_error_deg
 from evalkit.pivot import Pivot, pivot_estimators
 from evalkit.pose import Pose, pose_estimators, reference_pose
 from evalkit.seeds import generator
+from evalkit.studies.filmed import FilmedHead, VideoParameters, film
 from evalkit.studies.persons import Person, blank_photo, face_off_mm, landmarks_off_mm, person
 from evalkit.studies.takes import PAPER, HeadTake, estimate_pivot, head_take, own, score_pivot, told
+from evalkit.studies.tracked import TRACKERS, Tracked, score_pose, track
 from evalkit.studies.transfers import Task, acted_by, over, own_training, rms_mm, run_method
 from evalkit.study.command import script
 from evalkit.study.description import Budget, Condition, Study
@@ -62,19 +64,32 @@ TRANSFERS = ("character transfer", "local regression", "position deltas")
 
 NEW_SHAPES = 8
 
+FILM = "film"
+"""The preset that is a video of a head whose pose is known."""
+
+FILMED = VideoParameters(head="template-small", frames=30, width=180, height=144, rate_hz=15.0)
+
+FOLLOWERS = ("learnt-relief", "cylinder")
+"""Trackers; their error is the mean of the three axes'."""
+
+Data = HeadTake | Person | Task | FilmedHead
+
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """What a method found: the pose of every frame, a pivot with it, a whole compensation's points, or an error."""
+    """What a method found: poses of a take, a pivot with them, a compensation's points, poses of a video, or an error."""
 
     pose: Pose | None = None
     pivot: tuple[Pivot, Pose] | None = None
     points: Any = None
+    tracked: Tracked | None = None
     error: float | None = None
 
 
-def prepare(seed: int, preset: str) -> HeadTake | Person | Task:
-    """A short take, a person, or a character with its own examples and some shapes to be made."""
+def prepare(seed: int, preset: str) -> Data:
+    """A short take, a person, a video, or a character with its own examples and some shapes to be made."""
+    if preset == FILM:
+        return film(FILMED, seed)
     if preset == CHARACTER:
         task = own_training(acted_by("template", seed), seed)
         some = generator("shapes of the gate", seed=seed).choice(task.new, NEW_SHAPES, replace=False)
@@ -88,12 +103,15 @@ def fitted(who: Person) -> tuple[Head, FitReport]:
     return fit_head(blank_photo(who), who.points, who.generic, picture=False)
 
 
-def run(data: HeadTake | Person | Task, method: str) -> Found:
+def run(data: Data, method: str) -> Found:
     """One method.
 
-    ``rotation NAME``, ``pivot NAME``, ``expression NAME``, ``transfer NAME``, or the measure ``fit NAME`` of a fit.
+    ``rotation NAME``, ``pivot NAME``, ``expression NAME``, ``transfer NAME``, ``track NAME``, or the measure
+    ``fit NAME`` of a fit.
     """
     kind, _, name = method.partition(" ")
+    if isinstance(data, FilmedHead):
+        return Found(tracked=track(TRACKERS[name], data))
     if isinstance(data, Task):
         off, rough = rms_mm(run_method(data, name) - data.fine), rms_mm(data.rough - data.fine)
         return Found(error=over(off, rough))
@@ -108,8 +126,11 @@ def run(data: HeadTake | Person | Task, method: str) -> Found:
     return Found(points=compensate(data.take, **options).capture.points)
 
 
-def score(data: HeadTake | Person | Task, found: Found) -> dict[str, Any]:
+def score(data: Data, found: Found) -> dict[str, Any]:
     """The error that the method is about."""
+    if isinstance(data, FilmedHead):
+        assert found.tracked is not None
+        return {"error": score_pose(data, found.tracked)["mean_deg"]}
     if not isinstance(data, HeadTake):
         return {"error": found.error}
     truth = data.truth
@@ -123,7 +144,7 @@ def score(data: HeadTake | Person | Task, found: Found) -> dict[str, Any]:
 def applies(condition: Condition, method: str) -> bool:
     """What is slow, on the one preset that it is about."""
     kind, _, name = method.partition(" ")
-    for own_preset, own_kind in ((PERSON, "fit"), (CHARACTER, "transfer")):
+    for own_preset, own_kind in ((PERSON, "fit"), (CHARACTER, "transfer"), (FILM, "track")):
         if condition["preset"] == own_preset or kind == own_kind:
             return condition["preset"] == own_preset and kind == own_kind
     if name == "auto":
@@ -137,20 +158,22 @@ study = Study(
     name="regression",
     question=_question,
     finding=_finding,
-    axes={"preset": ("talking", "sway", "small-motion", "gaps", "outliers", "skin", PERSON, CHARACTER)},
+    axes={"preset": ("talking", "sway", "small-motion", "gaps", "outliers", "skin", PERSON, CHARACTER, FILM)},
     methods=(
         *(f"rotation {name}" for name in own(pose_estimators)),
         *(f"pivot {name}" for name in (PAPER, *own(pivot_estimators))),
         *(f"expression {name}" for name in COMPENSATIONS),
         *(f"fit {name}" for name in FITS),
         *(f"transfer {name}" for name in TRANSFERS),
+        *(f"track {name}" for name in FOLLOWERS),
     ),
     prepare=prepare,
     run=run,
     score=score,
     columns={
         "error": "rotation error, deg rms; pivot error, mm; expression error, mm rms; of a fit to a photo, "
-        "pixels rms or mm rms: as the method's name says; of a transfer, rms error over that of the rough shapes",
+        "pixels rms or mm rms: as the method's name says; of a transfer, rms error over that of the rough shapes; "
+        "of a video's head, mean of three axes, deg",
     },
     statistics=(root_mean_square("error", "error", ""),),
     full=Budget(seeds=12),
