@@ -77,7 +77,7 @@ Data = HeadTake | Person | Task | FilmedHead
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """What a method found: poses of a take, a pivot with them, a compensation's points, poses of a video, or an error."""
+    """What a method found: poses, a pivot with them, a compensation's points, poses of a video, or an error."""
 
     pose: Pose | None = None
     pivot: tuple[Pivot, Pose] | None = None
