@@ -39,7 +39,7 @@ from factorisation_oracles import (
 # Rounding of 1e-16 times the condition number of the chosen frames (at most some 1e3) and of the matrix, in degrees.
 EXACT_DEG = 1e-7
 
-quick = settings(derandomize=True, deadline=None, max_examples=40, database=None)
+quick = settings(derandomize=True, deadline=None, max_examples=25, database=None)
 
 TURN, SHIFT = Rotation.from_rotvec([0.4, -0.9, 1.3]).as_matrix(), np.array([2e3, -1.5e3, 3e3])
 
@@ -261,7 +261,7 @@ def test_weighted_automatically_it_is_the_compensation_and_better_by_the_noise_c
 
 
 def test_slow_oracle_of_the_weighted_alignment():
-    take, truth = synthesize("skin", seed=3, layout="dense-63", noise=0.3, frames=60)
+    take, truth = synthesize("skin", seed=3, layout="dense-63", noise=0.3, frames=25)
     found = align(take, truth.rigid, noise_mm=0.3, truncate=False)
     slow = weighted_alignment(take.points[:, take.indices(truth.rigid)], 0.3)
     # Weights settle to a thousandth, which moves a pose by less than that part of its own error of half a degree.
@@ -272,7 +272,7 @@ def test_slow_oracle_of_the_weighted_alignment():
 
 
 def test_missing_markers_survive():
-    take, truth = synthesize("talking", seed=0, layout="dense-63", noise=0.5, gaps=0.05, frames=300)
+    take, truth = synthesize("talking", seed=0, layout="dense-63", noise=0.5, gaps=0.05, frames=200)
     assert np.isfinite(take.points[:, :, 0]).all(axis=1).mean() < 0.2
     found = align(take, truth.rigid)
     there = np.isfinite(take.points) & (found.frame_status == FrameStatus.OK)[:, None, None]
@@ -396,9 +396,11 @@ def test_an_opening_jaw_can_pass_for_a_nod_and_brows_cannot(talking):
     shares = {}
     for actions in (("speech",), ("brow_raise",)):
         _, truth = synthesize("talking", seed=0, layout="dense-63", frames=300, actions=actions)
-        shares[actions[0]] = aligned_bases(truth.clean, 1).rigid_share
-    assert shares["speech"][0] > 0.2 > 10 * shares["speech"][1]
-    assert shares["brow_raise"][0] < 0.5 * shares["speech"][0]
+        shares[actions[0]] = aligned_bases(truth.clean, 2).rigid_share
+    # A lower face that turns about the jaw's joint is a third of a whole that nods; brows are a hundredth, and neither
+    # turns the head to a side.
+    assert shares["speech"][0] > 0.2 > 0.05 > shares["brow_raise"][0]
+    assert max(shares["speech"][1], shares["brow_raise"][1]) < 1e-3
 
 
 @pytest.mark.parametrize(
@@ -444,9 +446,8 @@ def test_the_study_says_what_it_asks_and_shows_the_refusal_as_a_row():
     assert value["gaussian", "factorisation"] < 1.0 < value["gaussian", "Procrustes of all"]
 
 
-@pytest.mark.parametrize("name", ["animface_jaw.c3d", "animface_cheeks.c3d"])
-def test_a_real_face_is_refused_and_aligned(name):
-    take = read_capture(real_data("captures", name))
+def test_a_real_face_is_refused_and_aligned():
+    take = read_capture(real_data("captures", "animface_jaw.c3d"))
     with pytest.raises(EvalkitError, match="condition number"):
         factorise(take.points, 5)
     found = align(take, ["ForeHead_M", "ForeHead_L", "ForeHead_R", "NoseTop"])
