@@ -18,7 +18,7 @@ from evalkit.control.cylindrical import Cylinder, correspond, covering, cylinder
 from evalkit.control.retargeting import TargetBases, Transfer, retarget
 from evalkit.control.shape_coefficients import fit_shapes
 from evalkit.control.slits import vertex_sides
-from evalkit.control.source import barycentric_spread, performer_surface, point_places, spreads
+from evalkit.control.source import DEFAULT_SPREAD, barycentric_spread, performer_surface, point_places, spreads
 from evalkit.control.targets import as_identity, checked_target, target_head
 from evalkit.control.warp import SLOPES, find_folds, fit_warp
 from evalkit.errors import EvalkitError
@@ -235,7 +235,7 @@ def test_a_blend_of_the_target_s_bases_is_the_direct_way():
     made = retarget(labels, rest, bases, target)
     source = performer_surface(labels, rest)
     marks = np.tensordot(coefficients, bases, axes=1)
-    weights = barycentric_spread(source)
+    weights = spreads[DEFAULT_SPREAD](source)
     spread = np.stack([weights @ one for one in marks])
     direct = Transfer(source.head, target).displacements(spread)
     found = made.bases.displacements(coefficients)

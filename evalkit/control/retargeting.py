@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 
 from evalkit.control.cylindrical import Bijectivity, correspond, cylinder_about
 from evalkit.control.slits import vertex_sides
-from evalkit.control.source import Source, performer_surface, spreads
+from evalkit.control.source import DEFAULT_SPREAD, Source, performer_surface, spreads
 from evalkit.control.targets import checked_target
 from evalkit.control.warp import DEFAULT, Folds, find_folds, fit_warp
 from evalkit.errors import EvalkitError
@@ -226,7 +226,7 @@ class Retargeting:
 
 def retarget(
     labels: Sequence[str], rest_mm: ArrayLike, bases: ArrayLike, head: Head, *, kernel: str = DEFAULT,
-    jacobian: bool = True, spread: str = "barycentric",
+    jacobian: bool = True, spread: str = DEFAULT_SPREAD,
 ) -> Retargeting:  # fmt: skip
     """Bases of a performer's markers as bases of a head's vertices.
 

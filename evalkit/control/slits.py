@@ -26,6 +26,9 @@ LIDS_REACH = 0.75
 """Skin so near to the middle of an eye, in widths of the eye, is that of its lids: 20 mm, half of the way to brow and
 cheek bone beyond the lids' own margins."""
 
+CORNER = 0.1
+"""What lies so near to a corner, in widths of the slit, belongs to both sides: 3 to 5 mm, a marker's own size."""
+
 FEWEST = 4
 
 
@@ -48,7 +51,7 @@ def head_axes(landmarks: Mapping[str, Array], name: str = "head") -> Array:
 def sides_of_slits(landmarks: Mapping[str, Array], points: Array) -> Sides:
     """Sides of points (K, 3), by the line between the corners of each slit.
 
-    A point is above or below if its foot on that line lies between them, however far it is.
+    A point is above or below if its foot on that line lies between them, however far it is, and not at a corner.
     """
     up = head_axes(landmarks)[1]
     out = np.zeros((len(points), len(SLITS)), dtype=np.int8)
@@ -56,7 +59,7 @@ def sides_of_slits(landmarks: Mapping[str, Array], points: Array) -> Sides:
         start, along = landmarks[right], landmarks[left] - landmarks[right]
         share = (points - start) @ along / (along @ along)
         upward = up - along * (up @ along) / (along @ along)
-        out[:, k] = np.where((share > 0.0) & (share < 1.0), np.sign((points - start) @ upward), 0.0)
+        out[:, k] = np.where(np.abs(share - 0.5) < 0.5 - CORNER, np.sign((points - start) @ upward), 0.0)
     return out
 
 

@@ -220,3 +220,7 @@ spreads: dict[str, Callable[[Source], csr_array]] = {
     "kernel": kernel_spread,
 }
 """How marker motion spreads over the performer's skin, name to ``source -> weights (V, M)``."""
+
+DEFAULT_SPREAD = "kernel"
+"""The study ``retarget`` has it nearer to truth over the whole face, and as near on the lips, as the barycentric one,
+which is the paper's: between chin and neck, where no markers are, it bends less."""
