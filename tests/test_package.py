@@ -88,7 +88,7 @@ def test_everything_that_evalkit_imports_is_declared():
     """Not by chance there because another package needs it."""
     module = {"pillow": "PIL", "vtk": "vtkmodules", "imageio-ffmpeg": "imageio_ffmpeg",
               "scikit-surgerycalibration": "sksurgerycalibration",
-              "opencv-python-headless": "cv2", "scikit-image": "skimage"}  # fmt: skip
+              "opencv-python-headless": "cv2", "scikit-image": "skimage", "faiss-cpu": "faiss"}  # fmt: skip
     declared = bounds(PROJECT["dependencies"] + [line for extra in EXTRAS.values() for line in extra])
     known = {module.get(name, name) for name in declared} | set(sys.stdlib_module_names) | {"evalkit"}
     # A peer that answers where it is installed and is said to be missing where it is not.
