@@ -18,6 +18,7 @@ from oracles.painted_face import DISTANCE_MM, FOCAL, HEIGHT, WIDTH, Act, Painter
 from scipy.spatial.transform import Rotation
 
 from evalkit import cli
+from evalkit.cli import video_source
 from evalkit.errors import EvalkitError
 from evalkit.render.colours import GREEN, VERMILION
 from evalkit.render.overlay import STATUS_COLOURS, Overlay
@@ -418,8 +419,8 @@ def test_ctrl_c_leaves_nothing_behind(folder, monkeypatch, where):
 
 def test_a_bar_whose_total_proves_wrong_goes_on_without(monkeypatch, capsys):
     monkeypatch.setattr("sys.stderr.isatty", lambda: True, raising=False)
-    with command._progress("tracking", 2) as done:
+    with video_source.progress("tracking", 2) as done:
         for k in range(1, 6):
             done(k)
-    with command._progress("tracking", None) as done:
+    with video_source.progress("tracking", None) as done:
         done(3)

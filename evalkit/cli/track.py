@@ -2,31 +2,30 @@
 
 from __future__ import annotations
 
-import itertools
 import json
-import select
-import sys
-import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from evalkit.cli.video_source import (
+    about,
+    camera_of,
+    expected_frames,
+    first_points,
+    frame_of,
+    opened,
+    part_of,
+    progress,
+)
 from evalkit.errors import EvalkitError
 
 if TYPE_CHECKING:
     from evalkit.geometry import Array
     from evalkit.report.track import TrackedVideo
     from evalkit.vision.camera import Camera
-    from evalkit.vision.tracker import Picture
     from evalkit.vision.video import Video
-
-RECORDING = "recording.mp4"
-RECORDING_CRF = 12
-"""Of what a camera shows: the tracker sees what the encoder left."""
 
 MANY_LOST = 0.5
 """Share of lost frames that asks for a warning."""
@@ -79,7 +78,7 @@ def track(
         raise EvalkitError("OpenCV is missing: pip install 'evalkit[vision]'")
     _check(method, start)
     if first_frame is not None:
-        _write_first(_opened(source, rate, None, None), start, first_frame)
+        _write_first(opened(source, rate, None, None), start, first_frame)
         click.echo(f"wrote {first_frame}")
         return
     assert output is not None
@@ -90,11 +89,11 @@ def track(
     check_output(output)
     inputs = [Path(source), *([points] if points else [])]
     protect_inputs(output, FILES, inputs)
-    video = _opened(source, rate, output, frames)
-    first = _frame(video, start)
-    places, origin = _points(video, first, start, points, eyes)
-    camera = _camera(video, camera_fov)
-    with _about(video, start):
+    video = opened(source, rate, output, frames)
+    first = frame_of(video, start)
+    places, origin = first_points(video, first, start, points, eyes)
+    camera = camera_of(video, camera_fov)
+    with about(video, start):
         surface = _surface(places, camera)
     found = _followed(video, places, camera, method, depth, start, frames)
     tracked = TrackedVideo(video, found, start, places, origin, depth, _warnings(video, found, start, frames))
@@ -121,53 +120,6 @@ def _check(method: str, start: int) -> None:
         raise EvalkitError(f"--start {start}: frames count from 0")
 
 
-def _opened(source: str, rate: float | None, output: Path | None, frames: int | None) -> Video:
-    """The video; of a camera, what it shows until the user has enough, as a file in the output folder."""
-    from evalkit.vision.video import read_video
-
-    if not source.isdecimal() or Path(source).exists():
-        return read_video(source, rate)
-    live = read_video(int(source), rate)
-    if output is None:
-        return live
-    rate_hz = _record(live, output, frames)
-    return read_video(output / RECORDING, rate or rate_hz)
-
-
-def _record(live: Video, output: Path, frames: int | None) -> float:
-    """Write what a camera shows to a file; its rate as the clock has it, which is seldom what cameras say."""
-    from evalkit.render.video_file import written_video
-    from evalkit.results import staged
-
-    typed = sys.stdin.isatty()
-    if frames is None and not typed:
-        raise EvalkitError(f"camera {live.source}: say how long with --frames N; there is no terminal to type q in")
-    if typed:
-        click.echo("recording; q and Enter to stop", err=True)
-    times: list[float] = []
-    with (
-        staged(output) as stage,
-        written_video(stage / RECORDING, live.size, live.rate_hz, RECORDING_CRF) as add,
-        _progress("recording", frames) as done,
-    ):
-        for frame in itertools.islice(live, frames):
-            add(frame)
-            times.append(time.monotonic())
-            done(len(times))
-            if typed and select.select([sys.stdin], [], [], 0)[0] and sys.stdin.readline().strip() == "q":
-                break
-    if not times:
-        raise EvalkitError(f"camera {live.source}: shows nothing")
-    return (len(times) - 1) / (times[-1] - times[0]) if times[-1] > times[0] else live.rate_hz
-
-
-def _frame(video: Video, index: int) -> Picture:
-    found = next(itertools.islice(video, index, None), None)
-    if found is None:
-        raise EvalkitError(f"{video.source}: has no frame {index} to start from")
-    return found
-
-
 def _write_first(video: Video, start: int, path: Path) -> None:
     """A frame as a picture, for placing points on."""
     import cv2
@@ -176,74 +128,11 @@ def _write_first(video: Video, start: int, path: Path) -> None:
         raise EvalkitError(f"--first-frame {path}: give the name of a .png file")
     if path.exists():
         raise EvalkitError(f"{path}: is there already; choose another name")
-    coded = cv2.imencode(".png", _frame(video, start))[1]
+    coded = cv2.imencode(".png", frame_of(video, start))[1]
     try:
         path.write_bytes(coded.tobytes())
     except OSError as error:
         raise EvalkitError(f"{path}: cannot be written ({error.strerror or error})") from error
-
-
-def _points(video: Video, first: Picture, start: int, file: Path | None, eyes: str | None) -> tuple[Array, str]:
-    """The 19 points in the first frame, and where they are from."""
-    if file is not None:
-        from evalkit.vision.points_file import read_face_points
-
-        return read_face_points(file, video.size), "file"
-    if eyes is not None:
-        return _on_eyes(video, first, eyes), "eyes"
-    return _detected(video, first, start), "detector"
-
-
-def _on_eyes(video: Video, first: Picture, eyes: str) -> Array:
-    """The points of a mean face on both eyes."""
-    import numpy as np
-
-    from evalkit.cli.head import eyes_of
-    from evalkit.head.photo import Photo
-    from evalkit.head.points import propose_points
-    from evalkit.vision.points import face_points
-    from evalkit.vision.points_file import check_inside
-
-    placed = eyes_of(eyes)
-    if not all(0 <= x <= wide for place in placed for x, wide in zip(place, video.size, strict=True)):
-        raise EvalkitError(f"--eyes {eyes}: outside of the frame, {video.size[0]} x {video.size[1]} pixels")
-    photo = Photo(np.ascontiguousarray(first[..., ::-1]), video.size, str(video.source), "")
-    points = face_points(propose_points(photo, placed).places)
-    check_inside(points, video.size, f"--eyes {eyes}")
-    return points
-
-
-def _detected(video: Video, first: Picture, start: int) -> Array:
-    """The points of the largest face that the detector finds."""
-    import numpy as np
-
-    from evalkit.head.detector import DETECTED, landmarker
-    from evalkit.vision.points import face_points
-    from evalkit.vision.trackers import missing_detector
-
-    if lacking := missing_detector():
-        raise EvalkitError(
-            f"{video.source}: where is the face? give --points (place them with --first-frame first.png and evalkit "
-            f"head edit first.png) or --eyes, or let the face detector find it: {lacking}"
-        )
-    with landmarker() as detect:
-        faces = detect(np.ascontiguousarray(first[..., ::-1]))
-    if not faces:
-        raise EvalkitError(
-            f"{video.source}: the detector finds no face in frame {start}; choose another with --start, or give "
-            "--points or --eyes"
-        )
-    largest = max(faces, key=lambda face: float(np.ptp(face.landmarks[:, 1])))
-    return face_points({name: largest.landmarks[k, :2] for name, k in DETECTED.items()})
-
-
-def _camera(video: Video, view_deg: float | None) -> Camera:
-    import dataclasses
-
-    from evalkit.vision.camera import ASSUMED_VIEW_DEG, Camera
-
-    made = Camera.assumed_for(*video.size, view_deg=ASSUMED_VIEW_DEG if view_deg is None else view_deg)
-    return made if view_deg is None else dataclasses.replace(made, assumed=False)
 
 
 def _surface(points_px: Array, camera: Camera) -> Any:
@@ -252,39 +141,16 @@ def _surface(points_px: Array, camera: Camera) -> Any:
     return start_from_points(points_px, camera).surface
 
 
-@contextmanager
-def _about(video: Video, start: int) -> Iterator[None]:
-    """Errors say which video they are about."""
-    try:
-        yield
-    except EvalkitError as error:
-        text = str(error)
-        known = text.startswith(str(video.source))
-        raise EvalkitError(text if known else f"{video.source}, from frame {start}: {text}") from error
-
-
 def _followed(
     video: Video, places: Array, camera: Camera, method: str, depth: str, start: int, frames: int | None
 ) -> Any:  # fmt: skip
     from evalkit.vision.track import track as follow
     from evalkit.vision.trackers import trackers
 
-    with _about(video, start), _progress("tracking", _expected(video, start, frames)) as done:
+    with about(video, start), progress("tracking", expected_frames(video, start, frames)) as done:
         return follow(
-            _part(video, start, frames), places, camera, trackers[method].build(), method, depth, video.rate_hz, done
+            part_of(video, start, frames), places, camera, trackers[method].build(), method, depth, video.rate_hz, done
         )
-
-
-def _part(video: Video, start: int, frames: int | None) -> Iterator[Picture]:
-    return itertools.islice(video, start, None if frames is None else start + frames)
-
-
-def _expected(video: Video, start: int, frames: int | None) -> int | None:
-    """Frames to come, as far as the file can be believed."""
-    if video.claimed_count is None or video.claimed_count <= start:
-        return frames
-    left = video.claimed_count - start
-    return left if frames is None else min(left, frames)
 
 
 def _warnings(video: Video, found: Any, start: int, frames: int | None) -> list[str]:
@@ -292,7 +158,7 @@ def _warnings(video: Video, found: Any, start: int, frames: int | None) -> list[
 
     out = []
     count = len(found.head.status)
-    claimed = _expected(video, start, frames)
+    claimed = expected_frames(video, start, frames)
     if claimed is not None and count < claimed:
         out.append(f"the file speaks of {claimed + start:,} frames; {count + start:,} could be read")
     lost = float((found.head.status == TrackStatus.LOST).mean())
@@ -315,9 +181,9 @@ def _draw(
     overlay, count = Overlay(tracked.track, surface, tracked.start), len(head.status)
     wanted, stills = set(chosen_stills(head.status)), []
     size = overlay.size(*video.size)
-    opened: Any = nullcontext() if film is None else written_video(film, size, video.rate_hz)
-    with opened as add, _progress("drawing", count) as done:
-        for k, frame in enumerate(_part(video, tracked.start, count)):
+    writing: Any = nullcontext() if film is None else written_video(film, size, video.rate_hz)
+    with writing as add, progress("drawing", count) as done:
+        for k, frame in enumerate(part_of(video, tracked.start, count)):
             if add is None and k not in wanted:
                 continue
             picture = overlay.drawn(frame, k)
@@ -327,25 +193,6 @@ def _draw(
                 add(picture)
             done(k + 1)
     write_track_report(tracked, content, stills, page)
-
-
-@contextmanager
-def _progress(label: str, length: int | None) -> Iterator[Callable[[int], None]]:
-    """A bar on the terminal; without a total where nobody knows it, or as soon as it proves wrong."""
-    if not sys.stderr.isatty():
-        yield lambda done: None
-        return
-    counting: Any = click.progressbar(
-        itertools.repeat(None) if length is None else None, length, label, file=sys.stderr, show_pos=True
-    )
-    with counting as bar:
-
-        def tell(done: int) -> None:
-            if bar.length is not None and done > bar.length:
-                bar.length = None
-            bar.update(done - bar.pos)
-
-        yield tell
 
 
 def describe(content: dict[str, Any], written: list[str]) -> str:
