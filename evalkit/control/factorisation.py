@@ -20,10 +20,10 @@ and what remains of the 3L are then directions of the noise. The condition numbe
 References
 ----------
 Chai, Xiao & Hodgins, "Vision-based control of 3D facial animation" (2003), doi:10.2312/SCA03/193-206;
-Xiao, Chai & Kanade, "A closed-form solution to non-rigid shape and motion recovery", ECCV (2004),
-doi:10.1007/978-3-540-24673-2_46 (rotation and basis constraints);
-Arie-Nachimson et al., "Global motion estimation from point matches", 3DIMPVT (2012), doi:10.1109/3DIMPVT.2012.46
-(rotation synchronisation by eigenvectors).
+Xiao, Chai & Kanade, "A closed-form solution to non-rigid shape and motion recovery", IJCV 67 (2006),
+doi:10.1007/s11263-005-3962-9 (rotation and basis constraints);
+Singer, "Angular synchronization by eigenvectors and semidefinite programming", Appl. Comput. Harmon. Anal. 30 (2011),
+doi:10.1016/j.acha.2010.02.001.
 """
 
 from __future__ import annotations

@@ -129,7 +129,7 @@ METHODS: dict[str, Callable[[Separable], Separated]] = {
     "Procrustes of all": _all_markers,
 }
 """``aligned`` weights all markers by how their skin moves; ``found`` are those at constant distances, ``named`` those
-of the layout. ``centroid of all`` has the rotations of ``rigid named`` and the translation of the paper's factorisation."""
+of the layout. ``centroid of all`` has the rotations of the latter and the translation of the paper's factorisation."""
 
 
 def run(data: Separable, method: str) -> Separated:
