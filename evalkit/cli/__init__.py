@@ -10,6 +10,7 @@ from evalkit import __version__
 from evalkit.cli.animate import animate
 from evalkit.cli.bench import bench
 from evalkit.cli.compensate import compensate
+from evalkit.cli.control import control
 from evalkit.cli.database import database
 from evalkit.cli.demo import demo
 from evalkit.cli.figures import figures
@@ -32,7 +33,22 @@ def app() -> None:
     """Facial motion capture from raw markers to expression-only motion, measured at every step."""
 
 
-COMMANDS = (demo, compensate, animate, track, database, transfer, bench, synth, study, figures, regress, head, methods)
+COMMANDS = (
+    demo,
+    compensate,
+    animate,
+    track,
+    database,
+    control,
+    transfer,
+    bench,
+    synth,
+    study,
+    figures,
+    regress,
+    head,
+    methods,
+)
 for command in COMMANDS:
     app.add_command(command)
 

@@ -48,9 +48,16 @@ def database() -> None:
 @click.option("-o", "--output", required=True, type=FILE, metavar="DB", help="Folder of the new database.")
 @click.option("--markers", metavar="A,B,C", help="Markers that are kept  [default: those of the first capture]")
 @click.option("--rate", type=float, default=0.0, metavar="HZ", help="Frames a second  [default: as the first capture]")
+@click.option(
+    "--neutral",
+    type=float,
+    default=0.0,
+    metavar="SECONDS",
+    help="At rest for so long at the beginning of every capture  [default: the rest is found]",
+)
 def build(
-    captures: tuple[Path, ...], output: Path, markers: str | None, rate: float, compensated: bool, rigid: str,
-    performer: str, jobs: int, scheduler: str | None, graph: int | None, as_json: bool,
+    captures: tuple[Path, ...], output: Path, markers: str | None, rate: float, neutral: float, compensated: bool,
+    rigid: str, performer: str, jobs: int, scheduler: str | None, graph: int | None, as_json: bool,
 ) -> None:  # fmt: skip
     """Make a database out of CAPTURES (.c3d, .trc, .csv).
 
@@ -68,7 +75,7 @@ def build(
         captures, graph, as_json,
         lambda done: build_database(
             captures, output, compensated=compensated, rigid=_labels(rigid), performer=performer, labels=labels,
-            rate_hz=rate, jobs=jobs, scheduler=scheduler, done=done,
+            rate_hz=rate, neutral_s=neutral, jobs=jobs, scheduler=scheduler, done=done,
         ),
     )  # fmt: skip
 
