@@ -247,6 +247,7 @@ def build_database(
     rate_hz: float = 0.0,
     gap_s: float = SHORT_GAP_S,
     shortest_s: float = SHORTEST_S,
+    neutral_s: float = 0.0,
     jobs: int = 1,
     scheduler: str | None = None,
     done: Callable[[str], object] | None = None,
@@ -273,7 +274,7 @@ def build_database(
         Markers that are kept; all of the first take without it. Takes may have more, but not fewer.
     rate_hz : float, optional
         Frames a second; that of the first take without it. Takes of other rates are resampled.
-    gap_s, shortest_s : float
+    gap_s, shortest_s, neutral_s : float
         See :class:`evalkit.control.takes.TakeOptions`.
     jobs : int
         Processes on this machine; -1 is one per core.
@@ -296,7 +297,7 @@ def build_database(
     if (output / MANIFEST).exists():
         raise EvalkitError(f"{output}: holds a database already; add to it with: evalkit database add, or name another")
     check_output(output)
-    options = TakeOptions(tuple(labels), float(rate_hz), float(gap_s), float(shortest_s))
+    options = TakeOptions(tuple(labels), float(rate_hz), float(gap_s), float(shortest_s), float(neutral_s))
     _check(options)
     work = _Work(captures, compensated, rigid, performer, jobs, scheduler, done or (lambda name: None))
     with staged(output) as stage:
@@ -559,7 +560,8 @@ def _on_cluster(calls: Iterable[tuple[Any, ...]], address: str) -> Iterator[tupl
 
 
 def _check(options: TakeOptions) -> None:
-    for name, value in (("rate_hz", options.rate_hz), ("gap_s", options.gap_s), ("shortest_s", options.shortest_s)):
+    for name in ("rate_hz", "gap_s", "shortest_s", "neutral_s"):
+        value = getattr(options, name)
         if not (math.isfinite(value) and value >= 0):
             raise EvalkitError(f"{name} = {value}; it must be a number >= 0")
 

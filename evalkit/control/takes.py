@@ -22,7 +22,7 @@ SHORTEST_S = 0.5
 """Runs of unbroken motion that are shorter are left out: a window of motion would hardly fit into one."""
 
 REST_SHARE, FEWEST_REST = 0.02, 10
-"""Share and least number of the frames, those nearest to the neutral parameters, whose median shape is the rest."""
+"""Share and least number of the frames whose median is the rest, where it has to be found."""
 
 
 @dataclass(frozen=True)
@@ -39,12 +39,15 @@ class TakeOptions:
         Longest gap of a marker that is bridged in a straight line, s; longer ones end a segment.
     shortest_s : float
         Shortest segment that is kept, s.
+    neutral_s : float
+        The face is at rest for so long at the beginning of every capture, s; at 0 the rest is found.
     """
 
     labels: tuple[str, ...] = ()
     rate_hz: float = 0.0
     gap_s: float = SHORT_GAP_S
     shortest_s: float = SHORTEST_S
+    neutral_s: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,9 +111,9 @@ def database_take(
     """Prepare a capture for a database.
 
     Head motion is undone first; each frame's markers are turned to the frontal view, where they give the control
-    parameters as a video's points do (:func:`evalkit.vision.markers.frontal_markers`). The rest is the median of the
-    frames whose parameters are nearest to the neutral ones, so that both mean the same face. Samples that jump by more
-    than skin does count as missing.
+    parameters as a video's points do (:func:`evalkit.vision.markers.frontal_markers`). The same frames give the rest
+    and the neutral parameters, so that both mean the same face: those of the beginning, if it is at rest then, or those
+    nearest to where the parameters dwell. Samples that jump by more than skin does count as missing.
 
     Parameters
     ----------
@@ -176,13 +179,12 @@ def _prepared(
         )
     rows = np.concatenate([np.arange(start, stop) for start, stop in segments])
     points = points[rows]
-    shown = frontal_markers(Capture(points @ face.rotation, labels, rate_hz))
-    parameters = shown.parameters
-    neutral = _neutral(parameters)
-    changes = np.zeros_like(parameters)
+    parameters = frontal_markers(Capture(points @ face.rotation, labels, rate_hz)).parameters
+    calm = _calm(parameters, rows / rate_hz, options.neutral_s)
+    neutral, rest = _neutral(parameters, calm), np.median(points[calm], axis=0)
     known = np.isfinite(neutral)
+    changes = np.zeros_like(parameters)
     changes[:, known] = normalise(parameters, neutral)[:, known]
-    rest = _rest(points, changes[:, known])
     stops = np.cumsum(segments[:, 1] - segments[:, 0])
     origin = rest[[labels.index(label) for label in bone if label in labels] or slice(None)].mean(axis=0)
     lost = 1.0 - len(rows) / len(usable)
@@ -247,19 +249,24 @@ def _segments(usable: NDArray[np.bool_], shortest: int) -> NDArray[np.int64]:
     return runs[runs[:, 1] - runs[:, 0] >= shortest].astype(np.int64)
 
 
-def _neutral(parameters: Array) -> Array:
-    """Neutral parameters (15,); NaN where a length is too small for a ratio, as the lips of closed lids would be."""
-    neutral = neutral_parameters(parameters)
+def _calm(parameters: Array, times_s: Array, neutral_s: float) -> NDArray[np.int64]:
+    """Rows in which the face is at rest."""
+    if neutral_s:
+        found = np.flatnonzero(times_s < neutral_s)
+        if not len(found):
+            raise EvalkitError(f"no frame of its first {neutral_s:g} s shows all markers; the rest is not known")
+        return found
+    # Parameter by parameter where a face dwells; then the frames that are near to it in all of them at once.
+    known = np.isfinite(parameters).all(axis=0)
+    away = parameters[:, known] - neutral_parameters(parameters)[known]
+    away /= np.maximum(away.std(axis=0), 1e-9)
+    count = min(max(round(REST_SHARE * len(away)), FEWEST_REST), len(away))
+    return np.sort(np.argpartition((away**2).sum(axis=1), count - 1)[:count])
+
+
+def _neutral(parameters: Array, calm: NDArray[np.int64]) -> Array:
+    """Neutral parameters (15,); NaN where a length is too small for a ratio."""
+    neutral = neutral_parameters(parameters, calm.tolist())
     ratio = np.array([parameter.form == "ratio" for parameter in PARAMETERS])
     neutral[ratio & (np.abs(neutral) < SMALLEST_LENGTH)] = np.nan
     return neutral
-
-
-def _rest(points: Array, changes: Array) -> Array:
-    """Median shape (M, 3) of the frames whose parameters are nearest to the neutral, each in units of its spread."""
-    if not changes.shape[1]:
-        return np.asarray(np.median(points, axis=0))
-    away = (changes / np.maximum(changes.std(axis=0), 1e-9)) ** 2
-    count = min(max(round(REST_SHARE * len(points)), FEWEST_REST), len(points))
-    nearest = np.argpartition(away.sum(axis=1), count - 1)[:count]
-    return np.asarray(np.median(points[nearest], axis=0))
