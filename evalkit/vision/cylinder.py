@@ -19,7 +19,7 @@ from evalkit.vision.camera import Camera
 from evalkit.vision.initial import Start, mean_face_surface, start_from_points
 from evalkit.vision.points import FACE_POINTS
 from evalkit.vision.references import Reference, distances_deg, make_reference, search, towards
-from evalkit.vision.registration import Fit, Template, Texture, View, judge, register
+from evalkit.vision.registration import Fit, Template, Texture, View, judge, register, sharpness
 from evalkit.vision.relief import KEY_DEG, MOST_KEYS, WIDEST_DEG, Relief
 from evalkit.vision.surface import Map, Surface
 from evalkit.vision.tracker import LOST, HeadPose, Picture, TrackStatus
@@ -31,10 +31,18 @@ LOST_SCORE = 0.45
 CLOSED_SCORE = 0.7
 """Below this, references that seem far are tried, too."""
 
+SHARP = 0.38
+"""Sharpness (:func:`evalkit.vision.registration.sharpness`) that the first frame must have, or all that follows is
+weak: a smear looks like itself from frame to frame, whatever is beneath. Faces filmed at 90 x 72 pixels have 0.41 and
+more, at H.264's coarsest 0.42, sharp ones 0.44 to 0.8; blurred by a fortieth of the face's width 0.33."""
+
+SMEARED = 0.7
+"""Share of the first frame's sharpness below which a frame is weak. Turns and motion blur leave 0.78 and more."""
+
 LONGEST_WEAK = 15
 """Frames after which a pose that stays weak is taken for none."""
 
-FOUND_SCORE = 0.55
+FOUND_SCORE = 0.6
 """A head that was lost is back when a pose reaches this."""
 
 NEAR_DEG = 20.0
@@ -115,7 +123,7 @@ class CylinderTracker:
         """Begin with a frame, a pose and a surface that are known."""
         self.camera, self.surface = camera, start.surface
         self._rigid = _rigid_weights(start.surface, start.points_mm)
-        self._rotation, self._translation = start.rotation, start.translation
+        self._rotation, self._translation = self._sure = start.rotation, start.translation
         self._motion = np.zeros(3), np.zeros(3)
         self._lost_for = 0
         view = View(frame, camera)
@@ -127,9 +135,12 @@ class CylinderTracker:
         self._relief = Relief(self.surface, camera, start.rotation, start.translation, usable)
         self._last: tuple[View, Fit] | None = None
         self._usual = USUAL_SCORE
+        self._sharpness = sharpness(first.template[0].grey, usable)
         self._turn = 0
         self._weak_for = 0
-        return HeadPose(start.rotation, start.translation, TrackStatus.TRACKED, 1.0)
+        sharp = self._sharpness >= SHARP
+        status = TrackStatus.TRACKED if sharp else TrackStatus.WEAK
+        return HeadPose(start.rotation, start.translation, status, 1.0 if sharp else LOST_SCORE)
 
     def step(self, frame: Picture) -> HeadPose:
         """Pose of the next frame."""
@@ -137,13 +148,32 @@ class CylinderTracker:
         view = View(frame, self.camera)
         fit = self._looked_for(view) if self._lost_for else self._followed(view)
         self._weak_for = 0 if fit.score >= TRACKED_SCORE else self._weak_for + 1
-        if fit.score < (FOUND_SCORE if self._lost_for else LOST_SCORE) or self._weak_for > LONGEST_WEAK:
+        least = FOUND_SCORE if self._lost_for else LOST_SCORE
+        if fit.score < least or self._weak_for > LONGEST_WEAK or not self._likely(fit):
             self._lost_for += 1
             self._motion = np.zeros(3), np.zeros(3)
             return LOST
         self._keep(view, fit)
-        status = TrackStatus.TRACKED if fit.score >= TRACKED_SCORE else TrackStatus.WEAK
-        return HeadPose(self._rotation, self._translation, status, max(0.0, min(1.0, fit.score)))
+        if fit.score < TRACKED_SCORE or not self._sharp(fit):
+            return HeadPose(self._rotation, self._translation, TrackStatus.WEAK, min(LOST_SCORE, fit.score))
+        return HeadPose(self._rotation, self._translation, TrackStatus.TRACKED, min(1.0, fit.score))
+
+    def _likely(self, fit: Fit) -> bool:
+        """Whether a pose is one that can be claimed: with the middle of the face in the picture, and known before.
+
+        Where no reference has been, only the last frame speaks for a pose, and with a hand before the face the hand.
+        """
+        x, y = self.camera.project(fit.rotation @ [0.0, 0.0, float(self.surface.radii_mm.mean())] + fit.translation)
+        if not (0.0 <= x <= self.camera.width and 0.0 <= y <= self.camera.height):
+            return False
+        alone = self.settings.update == "references" and self._near(fit.rotation, fit.translation) is None
+        return fit.score >= CLOSED_SCORE or not (alone and self.settings.recover)
+
+    def _sharp(self, fit: Fit) -> bool:
+        """Whether a frame shows as much of the face as the first one, and that one enough."""
+        if self._sharpness < SHARP:
+            return False
+        return sharpness(fit.seen, fit.visible * self._rigid[0]) >= SMEARED * self._sharpness
 
     def _followed(self, view: View) -> Fit:
         """From where the head was in the last frame."""
@@ -153,7 +183,9 @@ class CylinderTracker:
             # Motion that stopped, or that an occluder pretended.
             fit = max(fit, self._follow(view, self._rotation, self._translation), key=_score)
         if fit.score < CLOSED_SCORE and self.settings.update == "references":
-            fit = max([fit, *self._close(view, fit)], key=_score)
+            # An occluder may have taken the pose along.
+            sure = [self._follow(view, *self._sure)] if self.settings.recover else []
+            fit = max([fit, *sure, *self._close(view, fit)], key=_score)
         if fit.score < TRACKED_SCORE and self.settings.recover:
             fit = max(fit, self._search(view), key=_score)
         return fit
@@ -258,6 +290,8 @@ class CylinderTracker:
         self._lost_for = 0
         self._rotation, self._translation = rotation, fit.translation
         self._usual += 0.1 * (fit.score - self._usual)
+        if fit.score >= CLOSED_SCORE:
+            self._sure = rotation, fit.translation
         if self.settings.update == "static" or fit.score < TRACKED_SCORE:
             # What is not known to be the face must not become the template of it.
             return
@@ -269,7 +303,8 @@ class CylinderTracker:
             and len(self.references) < MOST_REFERENCES
             and min(distances_deg(self.references, rotation, fit.translation)) > NEW_DEG
         ):
-            reference = make_reference(self._number, view, self.surface, self.camera, rotation, fit.translation)
+            own = (fit.agreement > 0.5).astype(np.float32) if self.settings.robust else None
+            reference = make_reference(self._number, view, self.surface, self.camera, rotation, fit.translation, own)
             self.references.append(reference)
         if self.settings.surface == "learnt" and fit.score >= NEW_SCORE:
             self._learn(view)

@@ -44,6 +44,8 @@ class Reference:
         Of the frame.
     view : View
         The frame, reduced to what is read of it.
+    own : ndarray, shape (H, W), optional
+        Weight of what belongs to the face, and not to a hand before it.
     rotation, translation : ndarray
     turn : ndarray, shape (3, 3)
         The rotation against the line of sight.
@@ -56,6 +58,7 @@ class Reference:
 
     number: int
     view: View
+    own: Map | None
     rotation: Array
     translation: Array
     turn: Array
@@ -65,15 +68,21 @@ class Reference:
 
     def moved(self, surface: Surface, rotation: Array, translation: Array) -> Reference:
         """The same frame at a pose and on a surface that are known better."""
-        template = self.view.template(surface, rotation, translation)
+        template = self.view.template(surface, rotation, translation, self.own)
         turn = towards(translation).T @ rotation
         return replace(self, rotation=rotation, translation=translation, turn=turn, template=template)
 
 
 def make_reference(
-    number: int, view: View, surface: Surface, camera: Camera, rotation: Array, translation: Array
+    number: int,
+    view: View,
+    surface: Surface,
+    camera: Camera,
+    rotation: Array,
+    translation: Array,
+    own: Map | None = None,
 ) -> Reference:
-    """The reference that a frame of that number gives at a pose."""
+    """The reference that a frame of that number gives at a pose, if told with a weight (H, W) of what is the face."""
     radius = float(surface.radii_mm.mean())
     middle = camera.project(rotation @ [0.0, 0.0, radius] + translation)
     pixels_per_mm = camera.focal_px / -float(translation[2])
@@ -85,9 +94,11 @@ def make_reference(
         view.picture(level), (side, round(1.3 * side)), tuple(float(x) for x in (middle - 0.5) * scale)
     )
     kept = view.reduced(surface.grids[0], translation)
-    template = kept.template(surface, rotation, translation)
+    template = kept.template(surface, rotation, translation, own)
     turn = towards(translation).T @ rotation
-    return Reference(number, kept, rotation, translation, turn, template, np.asarray(patch, dtype=np.float32), scale)
+    return Reference(
+        number, kept, own, rotation, translation, turn, template, np.asarray(patch, dtype=np.float32), scale
+    )
 
 
 def distances_deg(references: Sequence[Reference], rotation: Array, translation: Array) -> list[float]:

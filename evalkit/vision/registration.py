@@ -43,6 +43,9 @@ LEAST_WINDOW = 5
 CONTRAST_FLOOR = 3.0
 """Grey levels added to the local contrast: flat skin with the noise of a sensor is no texture."""
 
+SHARP_WINDOWS = (0.12, 0.53)
+"""Sides of the windows of :func:`sharpness`, of the grid's side: an eye's height, and half a face."""
+
 AGREEMENT_WINDOW = 0.14
 """Side of the window of local correlation, of the grid's side."""
 
@@ -178,13 +181,16 @@ class View:
         inside = (u > 0) & (v > 0) & (u < width - 1) & (v < height - 1) & (z < -1.0)
         return grey, inside.reshape(grid.shape).astype(np.float32)
 
-    def template(self, surface: Surface, rotation: Array, translation: Array) -> Template:
-        """What this frame shows on a surface."""
+    def template(self, surface: Surface, rotation: Array, translation: Array, own: Map | None = None) -> Template:
+        """What this frame shows on a surface, if told with a weight (H, W) of what belongs to it."""
 
         def made(level: int) -> Texture:
             grid = surface.grids[level]
             grey, inside = self.unwrap(grid, rotation, translation)
-            return Texture(grey, inside * facing(grid, sight_of(grid, rotation, translation)))
+            weight = inside * facing(grid, sight_of(grid, rotation, translation))
+            if own is not None:
+                weight *= cv2.resize(own, grid.shape[::-1], interpolation=cv2.INTER_AREA)
+            return Texture(grey, weight)
 
         return Levels(made)
 
@@ -284,6 +290,27 @@ def _band(count: int, size: int) -> Map:
 
 def _odd(size: float) -> int:
     return 2 * int(size / 2) + 1
+
+
+def sharpness(texture: Map, weight: Map) -> float:
+    """Contrast of eyes, brows, nostrils and lips over that of light and shade, 0 where there is nothing to be seen.
+
+    Standard deviation of what a window of some 20 mm takes out of the texture, over that of what is left of it in
+    windows of 100 mm. Smears of an encoder and a lens out of focus take the first and leave the second.
+
+    Parameters
+    ----------
+    texture : ndarray, shape (H, W)
+        Grey levels, finest level.
+    weight : ndarray, shape (H, W)
+    """
+    fine, coarse = (_odd(part * len(texture)) for part in SHARP_WINDOWS)
+    smooth, light = (
+        box_mean(weight * texture, size) / (box_mean(weight, size) + np.float32(1e-3)) for size in (fine, coarse)
+    )
+    detail, shade = (float((weight * (values * values)).sum()) for values in (texture - smooth, smooth - light))
+    floor = CONTRAST_FLOOR**2 * float(weight.sum())
+    return float(np.sqrt(detail / shade)) if shade > floor else 0.0
 
 
 def agreement_of(seen: Map, texture: Map, weight: Map) -> tuple[Map, Map]:

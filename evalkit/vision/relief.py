@@ -59,15 +59,17 @@ SEEN = 0.3
 AGREES = 0.5
 """Correlation after optical flow from which a place was found again."""
 
-FLOW_SD = 1.0
+FLOW_SD = 2.5
 """Cells of the grid, some 4 mm each. Expression and shading move many places together and by less than this; that all
-count as independent is paid for here."""
+count as independent is paid for here. With 1, what they do passed for a flatter or a deeper face, and turns came out
+too large or too small by up to 18 %."""
 
 OVERLAP = 4.0
 """How often windows of neighbouring places count the same pixels, about."""
 
-TILT_DEG = (8.0, 4.0)
-"""Standard deviation of the first pose's nod and turn, which tilt the depths."""
+TILT_DEG = (8.0, 1.5)
+"""Standard deviation of the first pose's nod and turn, which tilt the depths. A face has two sides that say how far it
+is turned, and a height that may be anything."""
 
 DEEPER = 0.06
 """Standard deviation of a face's depth relative to its width, as a fraction."""
