@@ -204,8 +204,9 @@ def over_windows(signal: Array, layout: Layout, answer: Answer, batch: int = BAT
     frames = len(signal)
     anchors = anchored(lost, layout.bridge)
     due = layout.ends(frames)
-    due[-1:] = True
-    ends = np.flatnonzero(due & ~lost)
+    # The last frame always ends a window. In a stream, what is `latency` before it is out by then.
+    reach = np.where(due, layout.latency, layout.latency - 1)
+    ends = np.flatnonzero((due | (np.arange(frames) == frames - 1)) & ~lost)
     total, weight = np.zeros((0, 0)), np.zeros(frames)
     for start in range(0, len(ends), batch):
         some = ends[start : start + batch]
@@ -213,7 +214,7 @@ def over_windows(signal: Array, layout: Layout, answer: Answer, batch: int = BAT
         if not total.size:
             total = np.zeros((frames, found.shape[2]))
         for ago, share in enumerate(layout.shares):
-            inside = some - ago >= anchors[some]
+            inside = (some - ago >= anchors[some]) & (ago <= reach[some])
             total[some[inside] - ago] += share * found[inside, ago]
             weight[some[inside] - ago] += share
     if not total.size:
@@ -280,7 +281,7 @@ class WindowStream:
         return [self._out(ago) for ago in range(min(self.layout.latency, self._count) - 1, -1, -1)]
 
     def _tell(self, end: int) -> None:
-        """Add what the window that ends here says of the last frames."""
+        """Add what the window that ends here says of the last frames; after all have come in, of those not yet out."""
         self._last_end = end
         first = self._count - len(self._rows)
         at = np.array([end - first])
