@@ -20,7 +20,7 @@ from evalkit.control.shape_coefficients import fit_shapes
 from evalkit.control.slits import vertex_sides
 from evalkit.control.source import DEFAULT_SPREAD, barycentric_spread, performer_surface, point_places, spreads
 from evalkit.control.targets import as_identity, checked_target, target_head
-from evalkit.control.warp import SLOPES, find_folds, fit_warp
+from evalkit.control.warp import WARP_KERNELS, find_folds, fit_warp
 from evalkit.errors import EvalkitError
 from evalkit.geometry import rotation_from_vector
 from evalkit.head.importing import import_head
@@ -41,7 +41,7 @@ def bent(seed, size_mm=4.0):
     return places, there, draw
 
 
-@pytest.mark.parametrize("kernel", SLOPES)
+@pytest.mark.parametrize("kernel", WARP_KERNELS)
 @settings(max_examples=5, deadline=None)
 @given(seed=SEEDS)
 def test_an_affine_warp_is_affine_everywhere(kernel, seed):
@@ -52,7 +52,7 @@ def test_an_affine_warp_is_affine_everywhere(kernel, seed):
     np.testing.assert_allclose(warp.jacobian(points), np.broadcast_to(MATRIX, (50, 3, 3)), atol=1e-9)
 
 
-@pytest.mark.parametrize("kernel", SLOPES)
+@pytest.mark.parametrize("kernel", WARP_KERNELS)
 @settings(max_examples=5, deadline=None)
 @given(seed=SEEDS)
 def test_a_warp_meets_its_places_and_its_jacobian_is_its_derivative(kernel, seed):
@@ -70,7 +70,7 @@ def test_a_warp_meets_its_places_and_its_jacobian_is_its_derivative(kernel, seed
 
 def test_at_its_own_centre_a_jacobian_is_finite():
     places, there, _ = bent(0)
-    for kernel in SLOPES:
+    for kernel in WARP_KERNELS:
         assert np.isfinite(fit_warp(places, there, kernel).jacobian(np.array(list(places.values())))).all()
 
 
@@ -78,7 +78,7 @@ def test_folds_are_counted_and_named():
     places, _, _ = bent(0)
     share = np.linspace(0.05, 0.95, 20)[:, None]
     between = (1.0 - share) * places["upper lip"] + share * places["lower lip"]
-    points = np.vstack([between, between + [0.0, 60.0, 0.0]])
+    points = np.vstack([between, between + np.array([0.0, 60.0, 0.0])])
     smooth = fit_warp(places, places)
     none = find_folds(smooth, smooth.jacobian(points), points, places)
     assert not none.folded.any() and none.least == pytest.approx(1.0) and "no fold" in none.text

@@ -39,7 +39,7 @@ class Transfer:
     source, target : Head
         With landmarks; see :func:`evalkit.control.targets.checked_target`. Any size, and any way they face.
     kernel : str
-        Of the warp, one of :data:`evalkit.control.warp.SLOPES`.
+        Of the warp, one of :data:`evalkit.control.warp.WARP_KERNELS`.
     jacobian : bool
         Whether motion is multiplied by the warp's Jacobian; without, it is only carried over.
 

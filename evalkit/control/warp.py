@@ -26,9 +26,19 @@ SLOPES: dict[str, Callable[[Array], Array]] = {
     "matern-3-2": lambda r: -3.0 * r * np.exp(-np.sqrt(3.0) * r),
     "matern-5-2": lambda r: -(5.0 / 3.0) * r * (1.0 + np.sqrt(5.0) * r) * np.exp(-np.sqrt(5.0) * r),
 }
-"""Kernel of :data:`evalkit.kernels` -> derivative of its radial function; the kernels that a warp can be made of."""
+"""Kernel of :data:`evalkit.kernels` -> derivative of its radial function."""
 
-DEFAULT = "biharmonic"
+DEFAULT = "rounded biharmonic"
+
+WARP_KERNELS: dict[str, tuple[str, float | None]] = {
+    DEFAULT: ("multiquadric", 0.1),
+    **{name: (name, OWN[name].scale) for name in SLOPES},
+}
+"""Name -> kernel that a warp can be made of, and its scale, as a fraction of the spread of the places.
+
+The biharmonic kernel bends least, and has a kink at each landmark across which the Jacobian jumps: a lip that is pulled
+at its middle gets a spike there. A multiquadric of 6 mm is the same beyond, without the kink.
+"""
 
 BLOCK = 4096
 """Points at once: their distances to 400 centres take 13 MB."""
@@ -44,6 +54,7 @@ class Warp:
     Attributes
     ----------
     kernel : str
+        One of :data:`SLOPES`.
     centres : ndarray, shape (N, 3), mm
         Places p_k on the source.
     scale_mm : float
@@ -96,7 +107,7 @@ def fit_warp(source: Mapping[str, Array], target: Mapping[str, Array], kernel: s
     source, target : mapping of str to ndarray, shape (3,), mm
         Names that only one of them has are left out.
     kernel : str
-        One of :data:`SLOPES`.
+        One of :data:`WARP_KERNELS`.
 
     Returns
     -------
@@ -112,9 +123,9 @@ def fit_warp(source: Mapping[str, Array], target: Mapping[str, Array], kernel: s
     Noh and Neumann, "Expression cloning", SIGGRAPH 2001, doi:10.1145/383259.383290; the interpolant:
     :func:`evalkit.deform.interpolation.rbf`.
     """
-    if kernel not in SLOPES:
-        near = difflib.get_close_matches(kernel, SLOPES, n=2, cutoff=0.4)
-        hint = f"did you mean {' or '.join(near)}?" if near else f"known are {', '.join(SLOPES)}"
+    if kernel not in WARP_KERNELS:
+        near = difflib.get_close_matches(kernel, WARP_KERNELS, n=2, cutoff=0.4)
+        hint = f"did you mean {' or '.join(near)}?" if near else f"known are {', '.join(WARP_KERNELS)}"
         raise EvalkitError(f"kernel '{kernel}' makes no warp of space with a derivative; {hint}")
     names = [name for name in source if name in target]
     at, to = (np.array([where[name] for name in names], dtype=np.float64).reshape(-1, 3) for where in (source, target))
@@ -125,8 +136,8 @@ def fit_warp(source: Mapping[str, Array], target: Mapping[str, Array], kernel: s
             raise EvalkitError(f"the {len(names)} places of the same name lie in one plane on the {whose}; add others")
     middle = at.mean(axis=0)
     unit = float(np.sqrt(((at - middle) ** 2).sum(axis=1).mean()))
-    entry = OWN[kernel]
-    length = unit * (entry.scale or 1.0)
+    base, scale = WARP_KERNELS[kernel]
+    entry, length = OWN[base], unit * (scale or 1.0)
     among = entry.phi(euclidean(at, at) / length)  # type: ignore[misc]
     count = len(at)
     # An interpolant is linear in phi and in the polynomials: asked at a unit vector of each, it gives its coefficients.
@@ -136,7 +147,7 @@ def fit_warp(source: Mapping[str, Array], target: Mapping[str, Array], kernel: s
     asked = rbf(among, np.eye(count + 4, count), (at - middle) / unit, probes, entry.degree).weights @ to
     constant = asked[count]
     matrix = (asked[count + 1 :] - constant).T / unit
-    return Warp(kernel, at, length, asked[:count] - constant, matrix, constant - matrix @ middle)
+    return Warp(base, at, length, asked[:count] - constant, matrix, constant - matrix @ middle)
 
 
 @dataclass(frozen=True, eq=False)
