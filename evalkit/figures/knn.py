@@ -2,7 +2,7 @@
 
 Recall over queries a second, one line a search, one sign for every size of the database, the largest marked by a ring:
 (a) a database in which nothing comes twice, (b) one sentence again and again. (c) Recall along the stream in the
-largest database of (b). Dotted: 0.9. Speeds are those of one run on one core and count against each other only.
+largest database of (a). Dotted: 0.9. Speeds are those of one run on one core and count against each other only.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def draw(table: Table) -> Any:
         plain_log(panel.xaxis, 0.7 * ends.min(), 1.4 * ends.max())
         panel.set_xlabel("queries a second")
         panel.set_title(f"{kind} database", loc="right")
-    along = rows[(rows["database"] == kinds[-1]) & (rows["windows"] == largest)]
+    along = rows[(rows["database"] == kinds[0]) & (rows["windows"] == largest)]
     at = (np.arange(BLOCKS) + 0.5) / BLOCKS * along["frames"].max()
     for method in methods:
         part = along[along["method"] == method]
@@ -55,7 +55,7 @@ def draw(table: Table) -> Any:
                 at, values, label=how.name, color=how.colour, marker=how.marker, linestyle=how.line, markersize=3.0
             )
     panels[-1].set_xlabel("frame of the stream")
-    panels[-1].set_title(f"{kinds[-1]}, {largest:,} windows", loc="right")
+    panels[-1].set_title(f"{kinds[0]}, {largest:,} windows", loc="right")
     for panel in panels:
         panel.axhline(LIMIT, color=BLACK, linestyle=":", linewidth=0.8)
         panel.set_ylim(0.0, 1.04)
