@@ -69,6 +69,7 @@ MODULES = (
     "unlike_expressions",
     "left_or_right_mapping",
     "example_choice",
+    "knn",
 )
 """Files of this folder that are figures, in the order of the paper that they would make; ``figures`` is the table of
 them, name to module. They are imported when it is first looked at."""

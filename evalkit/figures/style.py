@@ -124,6 +124,14 @@ LOOKS = {
     "hard": Look("hard seam", VERMILION, "X"),
     "ramp": Look("ramp", BLUE, "s"),
     "spline": Look("spline", GREEN, "^"),
+    # Searches for the nearest windows
+    "pruned": Look("pruned (default, exact)", BLUE, "o"),
+    "exact": Look("brute force", BLACK, "s", ":"),
+    "k-d tree": Look("k-d tree", ORANGE, "v", "-."),
+    "graph": Look("neighbour graph, random windows", VERMILION, "X"),
+    "graph only": Look("neighbour graph (the paper's)", PURPLE, ">", "--"),
+    "faiss": Look("faiss, brute force", GREY, "h"),
+    "hnsw": Look("faiss, HNSW", GREEN, "^"),
     # Head trackers
     "cylinder": Look("cylinder", BLUE, "o"),
     "face-surface": Look("cylinder with the mean face's relief", SKY, "s", "--"),
