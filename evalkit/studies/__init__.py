@@ -51,6 +51,8 @@ MODULES = (
     "factorisation",
     "retarget",
     "knn",
+    "control_filter",
+    "control_synthesis",
 )
 """Files of this folder that hold a ``study``, by theme; ``studies`` is the table of them, name to study, from which
 the command line and the tests take their lists. They are imported when it is first looked at."""
