@@ -378,6 +378,14 @@ def film(parameters: VideoParameters, seed: int = 0) -> FilmedHead:
     return FilmedHead(np.ascontiguousarray(frames[..., ::-1]), truth, parameters)
 
 
+def acted(parameters: VideoParameters, seed: int = 0) -> Performance:
+    """What the head of a film does, at the middle of every frame's exposure: its true vertices in the head's axes."""
+    performance = _acted(parameters, seed)[0]
+    steps = performance.frames // parameters.frames
+    strengths = {unit: curve[steps // 2 :: steps] for unit, curve in performance.strengths.items()}
+    return Performance(performance.face, strengths, parameters.rate_hz)
+
+
 def _filmed(parameters: VideoParameters, seed: int) -> tuple[VideoTruth, list[Image]]:
     """The truth, and what the sensor saw, red, green, blue, before any encoder."""
     performance, rotations, translations = _acted(parameters, seed)

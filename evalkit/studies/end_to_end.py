@@ -1,0 +1,243 @@
+"""From a video to every vertex of a character: the whole chain of vision-driven control against the truth.
+
+Question: how far from the truth are the vertices of a head that a video drives, and which step is to blame?
+
+Finding: to be measured.
+
+Command: ``evalkit study run end-to-end --budget full``
+"""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from evalkit.control.character import Character
+from evalkit.control.database import Database, build_database
+from evalkit.control.signals import Signal
+from evalkit.control.source import point_places
+from evalkit.control.stream import Control
+from evalkit.deform import deformation_map
+from evalkit.geometry import Array
+from evalkit.metrics import rms
+from evalkit.studies.control_takes import RIGID_SITES, control_take, marker_sources
+from evalkit.studies.filmed import FilmedHead, VideoParameters, acted, film
+from evalkit.studies.takes import told
+from evalkit.studies.tracked import heads_here
+from evalkit.study.command import script
+from evalkit.study.description import Budget, Condition, Scalar, Study
+from evalkit.study.statistics import mean, relative_to
+from evalkit.vision.parameters import NAMES, control_parameters, eye_distance
+from evalkit.vision.points import FACE_POINTS
+from evalkit.vision.track import track
+
+PERFORMERS = {"template-small": "template 3000", "makehuman-photo": "makehuman", "ict-photo": "ict"}
+"""Filmed head -> the performer of the same shape."""
+
+OWN, OTHER = "own", "another's"
+"""Whose motion the database holds: that of the head in the video, in other performances, or somebody else's."""
+
+REST, POINTS, TRUE_POINTS, CHAIN, TRUE_MARKERS = "rest", "points alone", "true points", "whole chain", "true markers"
+METHODS = (CHAIN, TRUE_POINTS, TRUE_MARKERS, POINTS, REST)
+
+RATE_HZ = 60.0
+"""Of the database's takes."""
+
+MOVING_MM = 0.5
+"""Vertices that somewhere in the video move by more are judged."""
+
+
+@dataclass(frozen=True, eq=False)
+class Filmed:
+    """A film, what its head truly does, and what drives it.
+
+    Attributes
+    ----------
+    film : FilmedHead
+    truth : ndarray, shape (F, V, 3), mm
+        Vertices in the head's axes.
+    markers : ndarray, shape (F, M, 3), mm
+        True displacements of the database's markers, had they been worn; empty for another's database.
+    database : Database
+    character : Character
+        The filmed head.
+    """
+
+    film: FilmedHead
+    truth: Array
+    markers: Array
+    database: Database
+    character: Character
+
+
+@dataclass(frozen=True, eq=False)
+class Driven:
+    """Vertices (F, V, 3), mm, and the time that a frame took after its picture had been tracked, ms."""
+
+    vertices: Array
+    ms: float | None = None
+
+
+def conditions(axes: Mapping[str, tuple[Scalar, ...]]) -> Iterator[Condition]:
+    """All combinations of the heads that are here."""
+    for head in heads_here("end-to-end", axes["head"]):
+        for performer in axes["database"]:
+            yield {**{axis: values[0] for axis, values in axes.items()}, "head": head, "database": performer}
+
+
+def prepare(seed: int, head: str, database: str, rows: int, frames: int, size: str) -> Filmed:
+    """Film the head, and put a database on it."""
+    width, height = map(int, size.split("x"))
+    parameters = VideoParameters(head=head, frames=frames, width=width, height=height)
+    seen, performance = film(parameters, seed), acted(parameters, seed)
+    own = PERFORMERS[head]
+    performer = own if database == OWN else "template" if own == "makehuman" else "template 3000"
+    if database == OTHER and own.startswith("template"):
+        performer = "makehuman"
+    base = motion_database(performer, rows)
+    character = character_of(performer, rows, head)
+    truth = performance.vertices()
+    markers = np.empty((0, 0, 3))
+    if database == OWN:
+        worn = [truth[:, vertices].mean(axis=1) for vertices in marker_sources(own).values()]
+        at_rest = [performance.face.head.vertices[which].mean(axis=0) for which in marker_sources(own).values()]
+        markers = np.stack(worn, axis=1) - np.stack(at_rest)
+    return Filmed(seen, truth, markers, base, character)
+
+
+@lru_cache(maxsize=2)
+def motion_database(performer: str, rows: int) -> Database:
+    """A performer's motion in two takes; seeds that no video has."""
+    takes = {f"take {k}": control_take(performer, 5000 + k, rows // 2, RATE_HZ).still for k in range(2)}
+    with tempfile.TemporaryDirectory(prefix="evalkit-database-") as folder:
+        # Its files stay mapped when the folder is gone.
+        return build_database(takes, Path(folder) / "db", compensated=True, rigid=tuple(RIGID_SITES))
+
+
+@lru_cache(maxsize=2)
+def character_of(performer: str, rows: int, head: str) -> Character:
+    """The filmed head, prepared for a database."""
+    from evalkit.studies.filmed_heads import filmed_face
+
+    return Character.of(motion_database(performer, rows), filmed_face(head).head)
+
+
+def run(data: Filmed, method: str) -> Driven:
+    """Vertices by one way of driving the head."""
+    truth, rate = data.film.truth, data.film.truth.rate_hz
+    if method == REST:
+        return Driven(np.broadcast_to(data.character.head.vertices, data.truth.shape))
+    if method == TRUE_MARKERS:
+        return Driven(data.character.vertices(data.markers))
+    if method == TRUE_POINTS:
+        parameters = control_parameters(truth.face_mm[:, :, :2], float(eye_distance(truth.neutral_mm[:, :2])))
+        return _controlled(data, Signal(parameters, truth.rotations, rate))
+    found = track(list(data.film.frames), truth.clicked_px, truth.camera, rate_hz=rate)
+    if method == POINTS:
+        return Driven(_by_points(data, found.frontal_mm))
+    return _controlled(data, Signal(found.parameters, found.head.rotations, rate))
+
+
+def _controlled(data: Filmed, signal: Signal) -> Driven:
+    normalised, _ = signal.against_neutral(data.database.spread)
+    given = [name for name, column in zip(NAMES, normalised.T, strict=True) if np.isfinite(column).any()]
+    control = Control(data.database, signal.rate_hz, given=given)
+    start = time.perf_counter()
+    moves = control.run(normalised).displacements
+    vertices = data.character.vertices(moves)
+    return Driven(vertices, 1e3 * (time.perf_counter() - start) / len(moves))
+
+
+def _by_points(data: Filmed, frontal_mm: Array) -> Array:
+    """The head moved by the 19 points themselves, without any database: across the view, and nothing along it."""
+    head = data.character.head
+    places = point_places(head)
+    columns = [FACE_POINTS.index(name) for name in places]
+    scale = float(eye_distance(data.film.truth.neutral_mm[:, :2])) / float(np.nanmedian(eye_distance(frontal_mm)))
+    moved = scale * frontal_mm[:, columns]
+    moved -= np.nanmedian(moved, axis=0)
+    known = np.isfinite(moved).all(axis=(1, 2))
+    moved = np.nan_to_num(moved)[np.maximum.accumulate(np.where(known, np.arange(len(moved)), 0))]
+    across = np.concatenate([moved, np.zeros((*moved.shape[:2], 1))], axis=2)
+    weights = deformation_map(head, places)
+    return np.asarray(head.vertices + np.einsum("vn,fni->fvi", weights, across, optimize=True))
+
+
+def score(data: Filmed, found: Driven) -> dict[str, Any]:
+    """Error over all vertices of the skin that move, and of the lips' opening."""
+    head = data.character.head
+    moving = np.linalg.norm(data.truth - head.vertices, axis=2).max(axis=0) > MOVING_MM
+    skin = np.intersect1d(head.skin_vertices, np.flatnonzero(moving))
+    off = np.linalg.norm(found.vertices[:, skin] - data.truth[:, skin], axis=2)
+    motion = np.linalg.norm(data.truth[:, skin] - head.vertices[skin], axis=2)
+    true, made = (_opening(data, vertices) for vertices in (data.truth, found.vertices))
+    return {
+        "vertex_mm": rms(off),
+        "worst_mm": float(off.max()),
+        "relative": rms(off) / rms(motion),
+        "opening_mm": rms(made - true),
+        "control_ms": found.ms,
+    }
+
+
+def _opening(data: Filmed, vertices: Array) -> Array:
+    """How far the middle of the upper lip is above that of the lower one, (F,), mm."""
+    near = data.character.head.nearest_vertices(
+        {name: data.character.head.landmarks[name] for name in ("upper lip", "lower lip")}
+    )
+    return np.asarray(vertices[:, near["upper lip"], 1] - vertices[:, near["lower lip"], 1])
+
+
+def applies(condition: Condition, method: str) -> bool:
+    """True markers are those of the performer; what needs no database is measured once."""
+    return condition["database"] == OWN or method in (CHAIN, TRUE_POINTS)
+
+
+_question, _finding = told(__doc__)
+
+study = Study(
+    name="end-to-end",
+    question=_question,
+    finding=_finding,
+    axes={
+        "head": ("makehuman-photo", "template-small", "ict-photo"),
+        "database": (OWN, OTHER),
+        "rows": (18_000,),
+        "frames": (150,),
+        "size": ("360x288",),
+    },
+    methods=METHODS,
+    prepare=prepare,
+    run=run,
+    score=score,
+    columns={
+        "vertex_mm": "rms error of the skin's vertices that move, in the head's axes, mm",
+        "worst_mm": "largest, mm",
+        "relative": "rms error over the rms motion: 1 is a head at rest",
+        "opening_mm": "rms error of the height between the lips, mm",
+    },
+    statistics=(
+        mean("vertex_mm", "vertices", "mm"),
+        mean("relative", "over rest", ""),
+        mean("opening_mm", "lip opening", "mm"),
+        relative_to("vertex_mm", POINTS, f"over {POINTS}"),
+    ),
+    machine={"control_ms": "time of a frame for filter, synthesis and all vertices, ms"},
+    full=Budget(seeds=4),
+    small=Budget(
+        seeds=1,
+        axes={"head": ("template-small",), "database": (OWN,), "rows": (1200,), "frames": (30,), "size": ("180x144",)},
+    ),
+    conditions=conditions,
+    applies=applies,
+)
+
+if __name__ == "__main__":
+    script(study)
