@@ -12,6 +12,7 @@ TABLES = (
     ("pivot", "pivot estimators (--pivot NAME)", "evalkit.pivot", "pivot_estimators", "summary"),
     ("kernel", "kernels of the deformation", "evalkit.deform.kernels", "kernels", "summary"),
     ("preset", "synthetic takes (evalkit synth NAME)", "evalkit.synthetic", "PRESETS", "text"),
+    ("search", "searches of a motion database", "evalkit.control.search", "searchers", "text"),
     ("study", "studies (evalkit study run NAME)", "evalkit.studies", "studies", "question"),
 )
 """Kind, heading, where the table is, and the field of its entries that says what one is."""
@@ -20,7 +21,7 @@ TABLES = (
 @click.command()
 @click.option("--json", "as_json", is_flag=True, help="Print as JSON.")
 def methods(as_json: bool) -> None:
-    """List every estimator, kernel, preset and study with a line each, and the package it comes from if not evalkit.
+    """List every estimator, kernel, preset, search and study with a line each, and the package it comes from if not evalkit.
 
     \b
     Example:

@@ -483,13 +483,15 @@ def _store(
     path = None if isinstance(source, Capture) else Path(source)
     return _entry(take, performer, compensated) | {
         "source": None if path is None else path.name,
-        "sha256": hashlib.sha256(capture.points.tobytes()).hexdigest() if path is None else file_sha256(path),
+        "sha256": hashlib.sha256(np.ascontiguousarray(capture.points)).hexdigest()
+        if path is None
+        else file_sha256(path),
     }
 
 
 def _entry(take: DatabaseTake, performer: str, compensated: bool) -> dict[str, Any]:
-    digest = hashlib.sha256(take.motions.tobytes())
-    digest.update(take.changes.tobytes())
+    digest = hashlib.sha256(np.ascontiguousarray(take.motions))
+    digest.update(np.ascontiguousarray(take.changes))
     digest.update(take.segments.astype("<i8").tobytes())
     changes = take.changes.astype(np.float64)
     mean = changes.mean(axis=0)
@@ -647,6 +649,6 @@ def _write_parameters(changes: Path, path: Path, manifest: dict[str, Any]) -> No
     source = np.load(changes, mmap_mode="r")
     scale = np.where(manifest["known"], 1.0 / np.array(manifest["spread"]), 0.0)
     target = np.lib.format.open_memmap(path, mode="w+", dtype=np.float32, shape=source.shape)
-    for rows in blocks(len(source), 1 << 20):
+    for rows in blocks(len(source), 1 << 17):
         target[rows] = source[rows] * scale
     target.flush()

@@ -136,12 +136,12 @@ def database_take(
         If the capture cannot be read or compensated, lacks a marker, shows fewer than four face points, or has no
         stretch of motion in which all markers are seen.
     """
+    # Readers name the file by themselves.
+    take = read_capture(capture) if isinstance(capture, str | Path) else capture
     try:
-        take = read_capture(capture) if isinstance(capture, str | Path) else capture
         return _prepared(take, name, options, compensated, rigid)
     except EvalkitError as error:
-        text = str(error)
-        raise EvalkitError(text if text.startswith((name, str(capture))) else f"{name}: {text}") from error
+        raise EvalkitError(f"{name}: {error}") from error
 
 
 def _prepared(
