@@ -21,7 +21,7 @@ TABLES = (
 @click.command()
 @click.option("--json", "as_json", is_flag=True, help="Print as JSON.")
 def methods(as_json: bool) -> None:
-    """List every estimator, kernel, preset, search and study with a line each, and the package it comes from if not evalkit.
+    """List every estimator, kernel, preset, search and study, and the package it comes from if not evalkit.
 
     \b
     Example:

@@ -490,9 +490,9 @@ def _store(
 
 
 def _entry(take: DatabaseTake, performer: str, compensated: bool) -> dict[str, Any]:
-    digest = hashlib.sha256(np.ascontiguousarray(take.motions))
-    digest.update(np.ascontiguousarray(take.changes))
-    digest.update(take.segments.astype("<i8").tobytes())
+    digest = hashlib.sha256(_bytes(take.motions))
+    digest.update(_bytes(take.changes))
+    digest.update(_bytes(take.segments.astype("<i8")))
     changes = take.changes.astype(np.float64)
     mean = changes.mean(axis=0)
     return {
