@@ -480,13 +480,16 @@ def _store(
         take = database_take(capture, name, options, compensated, rigid)
     take.motions.tofile(part.with_suffix(".motions"))
     take.changes.tofile(part.with_suffix(".changes"))
-    path = None if isinstance(source, Capture) else Path(source)
+    file = None if isinstance(source, Capture) else Path(source)
     return _entry(take, performer, compensated) | {
-        "source": None if path is None else path.name,
-        "sha256": hashlib.sha256(np.ascontiguousarray(capture.points)).hexdigest()
-        if path is None
-        else file_sha256(path),
+        "source": file.name if file else None,
+        "sha256": file_sha256(file) if file else hashlib.sha256(_bytes(capture.points)).hexdigest(),
     }
+
+
+def _bytes(array: NDArray[Any]) -> memoryview:
+    """What is hashed of an array, without a copy of it."""
+    return np.ascontiguousarray(array).data
 
 
 def _entry(take: DatabaseTake, performer: str, compensated: bool) -> dict[str, Any]:
