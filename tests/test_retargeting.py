@@ -23,7 +23,6 @@ from evalkit.control.targets import as_identity, checked_target, target_head
 from evalkit.control.warp import WARP_KERNELS, find_folds, fit_warp
 from evalkit.errors import EvalkitError
 from evalkit.geometry import rotation_from_vector
-from evalkit.head.importing import import_head
 from evalkit.head.model import Head
 from evalkit.head.places import all_landmarks
 from evalkit.seeds import generator
@@ -296,7 +295,8 @@ def test_the_mouth_of_a_target_opens_as_far_as_the_performer_s():
     assert 0.8 < right["opening_share"] < 1.2 and abs(right["upper_lip_mm"]) < 0.3
     assert abs(right["lids_follow_mm"]) < 0.2
     torn = score(pair, run_method(replace(pair, motion="barycentric without slits"), JACOBIAN))
-    assert torn["upper_lip_mm"] >= right["upper_lip_mm"] or torn["opening_share"] < right["opening_share"]
+    # The middles of the lips have markers; between these, lips without slits stick together. Measured 1.6 times.
+    assert torn["lips_share"] > 1.25 * right["lips_share"]
 
 
 def test_the_study_tells_right_from_wrong():
@@ -384,10 +384,18 @@ def test_the_canonical_face_and_an_identity_of_ict_are_targets():
     canonical = target_head(folder / "mediapipe_canonical_face.obj")
     made = Transfer(small_head(), canonical)
     assert made.report.vertices == 468 and made.report.holes.mean() < 0.1 and not made.folds.folded.any()
-    person = target_head(folder / "ict_facekit_subset.npz", identity="identity003")
-    mean = import_head(folder / "ict_facekit_subset.npz")
-    off = np.linalg.norm(person.landmarks["chin"] - mean.landmarks["chin"])
-    assert off > 0.5 and person.landmarks["chin"] in person.vertices
+    mean = target_head(folder / "ict_facekit_subset.npz")
+    person = as_identity(mean, "identity003")
+    assert np.linalg.norm(person.landmarks["chin"] - mean.landmarks["chin"]) > 0.5
+    assert any((person.vertices == person.landmarks["chin"]).all(axis=1))
+
+
+def test_a_head_file_is_a_target_as_itself_and_as_another_person(tmp_path):
+    shaped_head().save(tmp_path / "head.npz")
+    head, other = target_head(tmp_path), target_head(tmp_path / "head.npz", identity="identity000")
+    which, moves = head.blendshapes["identity000"]
+    # Shapes are kept in single precision.
+    np.testing.assert_allclose(other.vertices[which], head.vertices[which] + moves, atol=1e-5)
 
 
 def shaped_head():
@@ -445,18 +453,19 @@ def test_a_frame_of_50000_vertices_and_25_bases_takes_no_longer_than_copying_the
     coefficients = draw.normal(0.0, 1.0, (32, 25)).astype(np.float32)
     one, many = (np.empty((count, 50_000, 3), dtype=np.float32) for count in (1, 32))
     other = np.empty_like(bases.bases)
-    ratios = {"one frame": [], "of a batch": []}
-    for _ in range(15):
+    times = []
+    for _ in range(20):
         start = time.perf_counter()
         np.copyto(other, bases.bases)
         copied = time.perf_counter()
         bases.vertices(coefficients[:1], one)
         alone = time.perf_counter()
         bases.vertices(coefficients, many)
-        ratios["of a batch"].append((time.perf_counter() - alone) / 32 / (copied - start))
-        ratios["one frame"].append((alone - copied) / (copied - start))
-    best = {name: min(found) for name, found in ratios.items()}
-    for name, ratio in best.items():
-        record_property(name, ratio)
-    print(best)
-    assert best["one frame"] < 1.0 and best["of a batch"] < 0.5, best
+        times.append((copied - start, alone - copied, (time.perf_counter() - alone) / 32))
+    # Each at its best: of a single pair, either may have been interrupted.
+    copy, frame, batch = np.min(times, axis=0)
+    told = {"copy_ms": 1e3 * copy, "frame_ms": 1e3 * frame, "of_batch_ms": 1e3 * batch}
+    for name, value in told.items():
+        record_property(name, value)
+    print(told)
+    assert frame < copy and batch < 0.5 * copy, told

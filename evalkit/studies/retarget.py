@@ -309,7 +309,7 @@ study = Study(
         relative_to("all_mm", WITHOUT, "all over no jacobian"),
         relative_to("all_mm", DEFORMATION, "all over deformation transfer"),
     ),
-    full=Budget(seeds=2),
+    full=Budget(seeds=3),
     small=Budget(
         seeds=1,
         axes={"pair": ("template to person of 1000", "template to muzzle of 1000"), "motion": (DENSE, "barycentric")},
