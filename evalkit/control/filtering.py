@@ -34,6 +34,10 @@ KEPT_VARIANCE = 0.99
 PRIOR_VARIANCE = 0.9999
 """Share of the variance of all windows that their prior keeps; what it leaves is lost even of a clean signal."""
 
+STRANGE = 0.03
+"""Variance, over that of the database, with which a parameter may move against the others as it never does there, no
+quicker than parameters move. Without it even a clean signal would lose what the database does not have."""
+
 PRIOR_WINDOWS = 20_000
 """Windows that the prior is made from: many more than it has dimensions."""
 
@@ -196,7 +200,7 @@ def noise_variance(windows: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class WindowPrior:
-    """Gaussian of all windows of a database, in their principal components.
+    """Gaussian of all windows of a database and, with :data:`STRANGE`, of others, in its principal components.
 
     Attributes
     ----------
@@ -219,7 +223,11 @@ class WindowPrior:
         points = rows.reshape(len(some), -1).astype(np.float64)
         mean = points.mean(axis=0)
         points -= mean
-        values, vectors = np.linalg.eigh(points.T @ points / len(points))
+        covariance = points.T @ points / len(points)
+        # Correlation over time, as the parameters have it in the mean, for each of them alone.
+        apart = covariance.reshape(window, len(columns), window, len(columns)).trace(axis1=1, axis2=3) / len(columns)
+        covariance += STRANGE * np.kron(apart, np.eye(len(columns)))
+        values, vectors = np.linalg.eigh(covariance)
         values, vectors = np.maximum(values[::-1], 0.0), vectors[:, ::-1]
         count = int(np.searchsorted(np.cumsum(values), PRIOR_VARIANCE * values.sum())) + 1
         # Where nothing moves, no variance at all would leave nothing to divide by.
