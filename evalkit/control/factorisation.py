@@ -158,8 +158,8 @@ def factorise(
     if condition > limit and refuse:
         raise EvalkitError(
             f"the {count} most independent frames are nearly dependent: condition number {condition:.3g}, where "
-            f"{noise_mm:.2g} mm beyond {rank} dimensions allow {limit:.3g}; the face moves in fewer: ask for fewer "
-            "bases, or align on rigid markers instead"
+            f"{noise_mm:.2g} mm beyond {rank} dimensions allow {limit:.3g}: they do not all stand out of it; ask "
+            "for fewer bases, or align on rigid markers instead"
         )
     turns, amounts, misfit = rotations_and_coefficients(factor, chosen)
     if misfit > MAX_MISFIT and refuse:

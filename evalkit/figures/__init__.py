@@ -69,7 +69,9 @@ MODULES = (
     "unlike_expressions",
     "left_or_right_mapping",
     "example_choice",
+    "retarget",
     "knn",
+    "factorisation",
 )
 """Files of this folder that are figures, in the order of the paper that they would make; ``figures`` is the table of
 them, name to module. They are imported when it is first looked at."""

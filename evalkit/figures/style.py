@@ -119,6 +119,16 @@ LOOKS = {
     "right, true coefficients": Look("from the right, coefficients before turning", VERMILION, "P", "--"),
     "random": Look("drawn at random", VERMILION, "s"),
     "chosen": Look("chosen", BLUE, "o"),
+    # Head pose apart from deformation
+    "centroid of all": Look("centred on all markers", BLACK, "h", "--"),
+    "factorisation": Look("factorisation (the paper's)", PURPLE, ">"),
+    "factorisation, not refused": Look("factorisation, not refused", PURPLE, "<", ":"),
+    "aligned": Look("aligned, weighted automatically", BLUE, "o"),
+    "aligned, rigid found": Look("aligned, rigid markers found", SKY, "s", "--"),
+    "aligned, rigid named": Look("aligned, rigid markers named", GREEN, "^"),
+    "rigid named, noise kept": Look("the same, noise kept", GREEN, "v", ":"),
+    "compensation": Look("compensation", ORANGE, "*"),
+    "Procrustes of all": Look("Procrustes over all markers", VERMILION, "X"),
     # Seams
     "none": Look("no regions", GREY, "o"),
     "hard": Look("hard seam", VERMILION, "X"),

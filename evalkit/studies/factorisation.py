@@ -3,7 +3,26 @@
 Question: on which faces does a factorisation tell the head's rotation from deformation, and what does alignment on
 rigid markers make of the same takes?
 
-Finding: not measured yet.
+Finding: only where shapes move as no face does. On all 48 takes with localised or nonlinear deformation the
+factorisation is refused (42 by the condition number of its frames, 300 to 1e18 where 20 to 450 would do, six by blocks
+that are no rotations), and where it is not refused the rotation is off by 52 to 109 deg (rms over the takes of a row),
+noise or not. On Gaussian shapes, three full dimensions each, it is exact without noise and has 0.35, 0.70 and 1.45 deg
+at 0.25, 0.5 and 1 mm with 63 markers; with 23 it is refused in two takes of three at 0.5 mm and in all at 1 mm. There
+nothing is rigid, and alignment is off by 16 to 37 deg, Procrustes over all markers by 3.5 to 5 deg: the two ask for
+opposite faces. On the face that talks, 63 markers and 0.5 mm, alignment has 0.23 deg weighted automatically, 0.20 deg
+with the rigid markers found by their distances, 0.25 deg with the seven named, against 0.66 deg of these with the
+noise kept, 0.26 deg of the compensation and 1.40 deg of Procrustes over all markers. Cutting the noise off is worth
+most where few markers are rigid: three forehead markers go from 1.63 to 0.59 deg. With 23 markers nothing keeps 0.35
+deg at 0.5 mm (0.49 deg at best, the compensation 0.51). The markers' centroid for a centre costs as much as the noise:
+the shape error goes from 0.93 to 1.71 mm, and is 1.5 mm without any noise. Ten components keep 93 % of the variance of
+these shapes, and by the matrix of the factorisation 99.99 %, most of which is the mean shape. Of a small nod of the
+head 0.4 to 0.7 lies in the span of these components, so that an opening jaw and a nod are told apart by the rigid
+markers and by nothing else; after Procrustes over all it is 0, and the jaw has gone into the head.
+
+Beside the table: two real takes (41 markers, smoothed, so that there is no noise to cut off) are refused as well, with
+condition numbers of 166 to 8460 and 75 to 4680 for 2 to 13 shapes; alignments with automatic, found and named markers
+differ by 0.3 to 0.4 deg (jaw) and 0.9 to 1.2 deg (cheeks), Procrustes over all markers from these by 2.0 to 2.2 and
+1.5 to 1.7 deg.
 
 Command: ``evalkit study run factorisation --budget full``
 """
