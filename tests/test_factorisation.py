@@ -448,7 +448,8 @@ def test_the_study_says_what_it_asks_and_shows_the_refusal_as_a_row():
 
 
 def test_a_real_face_is_refused_and_aligned():
-    take = read_capture(real_data("captures", "animface_jaw.c3d"))
+    whole = read_capture(real_data("captures", "animface_jaw.c3d"))
+    take = Capture(whole.points[::3], whole.labels, whole.rate / 3)
     with pytest.raises(EvalkitError, match="condition number"):
         factorise(take.points, 5)
     found = align(take, ["ForeHead_M", "ForeHead_L", "ForeHead_R", "NoseTop"])

@@ -22,7 +22,7 @@ markers and by nothing else; after Procrustes over all it is 0, and the jaw has 
 Beside the table: two real takes (41 markers, smoothed, so that there is no noise to cut off) are refused as well, with
 condition numbers of 166 to 8460 and 75 to 4680 for 2 to 13 shapes; alignments with automatic, found and named markers
 differ by 0.3 to 0.4 deg (jaw) and 0.9 to 1.2 deg (cheeks), Procrustes over all markers from these by 2.0 to 2.2 and
-1.5 to 1.7 deg.
+1.5 to 1.7 deg. 25 bases keep 99.8 and 99.7 % of the variance of their aligned shapes.
 
 Command: ``evalkit study run factorisation --budget full``
 """
