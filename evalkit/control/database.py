@@ -33,9 +33,10 @@ from evalkit.vision.parameters import NAMES, PARAMETERS
 FORMAT, VERSION = "evalkit motion database", 1
 MANIFEST = "takes.json"
 
-STILL = np.array([0.5 if p.unit == "deg" else 0.01 if p.form == "ratio" else 0.005 for p in PARAMETERS])
-"""Least spread of each parameter: half a degree, a hundredth of a length, a two-hundredth of the eye distance (0.3 mm).
-A database in which one moves less must not make a tracker's noise in it count for more than all that moves."""
+STILL = np.array([3.0 if p.unit == "deg" else 0.1 if p.form == "ratio" else 0.03 for p in PARAMETERS])
+"""Least spread of each parameter: degrees, parts of a length, eye distances (2 mm). It is about what parameters that are
+read from a video are wrong by (study ``parameters``): where a database moves less, a tracker's noise must not count for
+more than all that moves."""
 
 ANSWER_S = 10.0
 """How long a scheduler may take to answer, s."""
