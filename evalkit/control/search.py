@@ -30,6 +30,9 @@ SAMPLE = 20_000
 BATCH = 16
 """Queries whose bounds are worked out together, where more than one is asked."""
 
+MANY = 8
+"""Windows, for every one that is asked for, beyond which a better upper bound is looked for."""
+
 SLACK = 1e-5
 """Part of the largest squared length by which squared distances in single precision may be wrong: some ten times
 2^-24, times the square root of the number of terms."""
@@ -156,12 +159,18 @@ class PrunedSearcher(_OneByOne):
             bounds *= -2.0
             bounds += self._constant
             own = float((folded[q].astype(np.float64) ** 2).sum())
-            which = self._seeds(bounds, k)
-            limit = float(np.partition(self.windows.squares(point, which), k - 1)[k - 1])
-            slack = 2.0 * SLACK * (self._largest + own)
-            distances[q], rows[q] = self.windows.answer(point, np.flatnonzero(bounds <= limit - own + slack), k)
+            beyond = 2.0 * SLACK * (self._largest + own) - own
+            left_over = np.flatnonzero(bounds <= self._kth(point, self._seeds(bounds, k), k) + beyond)
+            if len(left_over) > MANY * k:  # the last answer was of little use: the stream has jumped
+                lowest = left_over[np.argpartition(bounds[left_over], 2 * k)[: 2 * k]]
+                left_over = left_over[bounds[left_over] <= self._kth(point, lowest, k) + beyond]
+            distances[q], rows[q] = self.windows.answer(point, left_over, k)
             self._near = rows[q]
         return distances, rows
+
+    def _kth(self, point: Array, which: Rows, k: int) -> float:
+        """Squared distance of the k-th nearest among some windows: no answer is further."""
+        return float(np.partition(self.windows.squares(point, which), k - 1)[k - 1])
 
     def _seeds(self, bounds: NDArray[np.float32], k: int) -> Rows:
         """At least k windows that are likely to be near."""

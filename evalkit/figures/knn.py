@@ -2,7 +2,8 @@
 
 Recall over queries a second, one line a search, one sign for every size of the database, the largest marked by a ring:
 (a) a database in which nothing comes twice, (b) one sentence again and again. (c) Recall along the stream in the
-largest database of (a). Dotted: 0.9. Speeds are those of one run on one core and count against each other only.
+largest database of (a). Dotted: 0.9. Speeds are wall-clock time of one thread, one query after the
+other, in one run.
 """
 
 from __future__ import annotations

@@ -2,7 +2,17 @@
 
 Question: how many of the K nearest windows does each search find, does it go on doing so, and how fast is it?
 
-Finding: to be measured.
+Finding: the default finds all of them, in every part of the stream; so do all searches that rule nothing out unseen.
+One seed, K = 100. The paper's graph by itself has 0.46, 0.46 and 0.57 of them among 2,000, 10,000 and 70,000 windows of
+varied motion, 0.14 to 0.27 in its worst twentieth of the stream, and 0.14 to 0.25 less in the last quarter than in the
+first; what it finds instead is 6 to 13 % further away. With 200 random windows a query 0.93, 0.84 and 0.70, which does
+not fall along the stream; 0.2 to 1.9 % further. On one sentence again and again it is 0.71, 0.93 and 0.94 without and
+0.94 with random windows. faiss' HNSW has 0.98 or more, 0.91 in its worst part. K = 50 or 150 changes little. Speeds are
+wall-clock time on a machine that had four times as much other work as cores, and not always as much, so that only their
+order of magnitude counts: among 70,000 windows of varied motion 109 queries a second for the default, 71 for brute
+force, 23 for that of faiss, 8 for the k-d tree, 265 for the graph with random windows, 141 for HNSW; where a sentence
+comes 117 times, which leaves little to rule out, 25 for the default and 33 for brute force. The graph took 197 and
+691 s to build, HNSW 98 and 29, the default 0.5 and 3.2.
 
 Command: ``evalkit study run knn --budget full``
 """
@@ -18,7 +28,6 @@ from typing import Any
 import numpy as np
 
 from evalkit.capture import Capture
-from evalkit.control.database import STILL
 from evalkit.control.graph import neighbour_graph
 from evalkit.control.motion_windows import Rows
 from evalkit.control.search import DEFAULT, Searcher, searchers, searchers_here
@@ -30,6 +39,7 @@ from evalkit.studies.takes import told
 from evalkit.study.command import script
 from evalkit.study.description import Budget, Condition, Expected, Scalar, Study
 from evalkit.study.statistics import Statistic, mean, median
+from evalkit.vision.parameters import PARAMETERS
 
 WINDOW = 20
 """Frames: with 15 parameters, 300 dimensions."""
@@ -39,6 +49,10 @@ SENTENCE = 600
 
 MARKER_NOISE_MM, QUERY_NOISE = 0.1, 0.2
 """Noise of the database's markers; of the queries' parameters, in units of the database's spread."""
+
+LEAST_SPREAD = np.array([0.5 if p.unit == "deg" else 0.01 if p.form == "ratio" else 0.005 for p in PARAMETERS])
+"""By which a parameter is divided at least: less than in a database for video, so that windows have as many dimensions
+as they can, which is what makes them hard to search."""
 
 GAIN = 0.1
 """Standard deviation of how strongly a sentence is said."""
@@ -99,7 +113,7 @@ def prepare(seed: int, head: str, windows: int, database: str, nearest: int, fra
         said = control_take(head, seed, SENTENCE).still
         base = _take(_repeated(said, rows, seed), seed)
         stream = _take(_repeated(said, frames + WINDOW - 1, seed + 1000), seed + 1000)
-    spread = np.maximum(base.changes.std(axis=0), STILL)
+    spread = np.maximum(base.changes.std(axis=0), LEAST_SPREAD)
     parameters = (base.changes / spread).astype(np.float32)
     signal = stream.changes / spread
     signal = signal + QUERY_NOISE * generator("knn", "queries", seed=seed).standard_normal(signal.shape)
