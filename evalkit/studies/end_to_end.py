@@ -135,7 +135,7 @@ def run(data: Filmed, method: str) -> Driven:
     if method == REST:
         return Driven(np.broadcast_to(data.character.head.vertices, data.truth.shape))
     if method == TRUE_MARKERS:
-        return Driven(data.character.vertices(data.markers))
+        return Driven(data.character.vertices(data.markers).astype(np.float64))
     if method == TRUE_POINTS:
         parameters = control_parameters(truth.face_mm[:, :, :2], float(eye_distance(truth.neutral_mm[:, :2])))
         return _controlled(data, Signal(parameters, truth.rotations, rate))
@@ -146,13 +146,13 @@ def run(data: Filmed, method: str) -> Driven:
 
 
 def _controlled(data: Filmed, signal: Signal) -> Driven:
-    normalised, _ = signal.against_neutral(data.database.spread)
+    normalised, _ = signal.against_neutral(data.database.spread, [0])
     given = [name for name, column in zip(NAMES, normalised.T, strict=True) if np.isfinite(column).any()]
     control = Control(data.database, signal.rate_hz, given=given)
     start = time.perf_counter()
     moves = control.run(normalised).displacements
     vertices = data.character.vertices(moves)
-    return Driven(vertices, 1e3 * (time.perf_counter() - start) / len(moves))
+    return Driven(vertices.astype(np.float64), 1e3 * (time.perf_counter() - start) / len(moves))
 
 
 def _by_points(data: Filmed, frontal_mm: Array) -> Array:
@@ -161,10 +161,11 @@ def _by_points(data: Filmed, frontal_mm: Array) -> Array:
     places = point_places(head)
     columns = [FACE_POINTS.index(name) for name in places]
     scale = float(eye_distance(data.film.truth.neutral_mm[:, :2])) / float(np.nanmedian(eye_distance(frontal_mm)))
-    moved = scale * frontal_mm[:, columns]
-    moved -= np.nanmedian(moved, axis=0)
-    known = np.isfinite(moved).all(axis=(1, 2))
-    moved = np.nan_to_num(moved)[np.maximum.accumulate(np.where(known, np.arange(len(moved)), 0))]
+    moved = scale * (frontal_mm[:, columns] - frontal_mm[0, columns])
+    # Points that are not known are held; none is known before the first frame.
+    known = np.isfinite(moved).all(axis=2)
+    last = np.maximum.accumulate(np.where(known, np.arange(len(moved))[:, None], 0))
+    moved = np.nan_to_num(np.take_along_axis(moved, last[..., None], axis=0))
     across = np.concatenate([moved, np.zeros((*moved.shape[:2], 1))], axis=2)
     weights = deformation_map(head, places)
     return np.asarray(head.vertices + np.einsum("vn,fni->fvi", weights, across, optimize=True))
