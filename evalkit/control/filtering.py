@@ -34,7 +34,7 @@ KEPT_VARIANCE = 0.99
 PRIOR_VARIANCE = 0.9999
 """Share of the variance of all windows that their prior keeps; what it leaves is lost even of a clean signal."""
 
-STRANGE = 0.03
+STRANGE = 0.01
 """Variance, over that of the database, with which a parameter may move against the others as it never does there, no
 quicker than parameters move. Without it even a clean signal would lose what the database does not have."""
 
@@ -208,11 +208,15 @@ class WindowPrior:
     axes : ndarray, shape (W P, n)
         Orthonormal, the strongest first; n keep :data:`PRIOR_VARIANCE`.
     variances : ndarray, shape (n,)
+    rest : float
+        Variance of each number that the components leave: noise as far as they are concerned. Without it what is
+        missing would be told from differences that they do not mean.
     """
 
     mean: Array
     axes: Array
     variances: Array
+    rest: float
 
     @classmethod
     def of(cls, database: Windows, window: int, columns: Indices) -> WindowPrior:
@@ -230,8 +234,8 @@ class WindowPrior:
         values, vectors = np.linalg.eigh(covariance)
         values, vectors = np.maximum(values[::-1], 0.0), vectors[:, ::-1]
         count = int(np.searchsorted(np.cumsum(values), PRIOR_VARIANCE * values.sum())) + 1
-        # Where nothing moves, no variance at all would leave nothing to divide by.
-        return cls(mean, vectors[:, :count], np.maximum(values[:count], np.finfo(float).tiny ** 0.5))
+        rest = float(values[count:].sum()) / max(len(values) - count, 1)
+        return cls(mean, vectors[:, :count], values[:count], rest)
 
     def posterior(self, windows: Array, noise: Array, local: tuple[Array, Array] | None = None) -> Array:
         """Posterior mean of windows (Q, W P), NaN where nothing is known, with noise variances of the same shape.
@@ -242,7 +246,7 @@ class WindowPrior:
             Mean and covariance, the latter in the components, of each window's own prior.
         """
         known = np.isfinite(windows)
-        precision = np.where(known, 1.0 / (noise + NOISE_FLOOR), 0.0)
+        precision = np.where(known, 1.0 / (noise + max(self.rest, NOISE_FLOOR)), 0.0)
         mean, covariance = (self.mean, np.diag(self.variances)[None]) if local is None else local
         offset = np.where(known, windows - mean, 0.0)
         scaled = self.axes.T @ (precision[..., None] * self.axes)
