@@ -14,7 +14,10 @@ from evalkit.control import motion_windows, search
 from evalkit.control.graph import GraphSearcher, neighbour_graph
 from evalkit.control.motion_windows import MotionWindows, legal_starts
 from evalkit.control.search import DEFAULT, ExactSearcher, PrunedSearcher, SearchMethod, searchers
+from evalkit.studies import knn
 from evalkit.studies.knn import WINDOW, prepare
+from evalkit.study.description import Budget
+from evalkit.study.runner import run
 
 DERANDOMISED = settings(derandomize=True, max_examples=40, deadline=None)
 
@@ -119,6 +122,29 @@ def test_random_windows_keep_the_graph_on_its_way(stream, record_property):
     assert parts.mean() >= 0.9 and parts[-3:].mean() >= 0.9
     # Control: the paper's graph by itself takes a wrong repetition for the right one, and stays there.
     assert alone.mean() < 0.9
+
+
+def test_the_study_tells_a_search_that_misses_from_one_that_does_not(monkeypatch):
+    class Misses(ExactSearcher):
+        """Leaves out the nearest one."""
+
+        def nearest(self, queries, k):
+            distances, rows = super().nearest(queries, k + 1)
+            return distances[:, 1:], rows[:, 1:]
+
+    monkeypatch.setitem(searchers, "k-d tree", SearchMethod(Misses, "", "", True))
+    cut = Budget(1, {"head": ("template 3000",), "windows": (300,), "nearest": (20,), "frames": (200,)})
+    table = run(knn.study, None, cut, jobs=1)
+    assert all(row["status"] == "ok" for row in table.rows)
+    for row in table.rows:
+        if row["method"] == "k-d tree":
+            assert row["recall"] == pytest.approx(0.95) and row["further_percent"] > 0
+        elif searchers[row["method"]].exact:
+            assert row["recall"] == row["recall_worst"] == row["recall_20"] == 1.0
+            assert row["further_percent"] == pytest.approx(0.0, abs=1e-9)
+        else:
+            assert 0.0 < row["recall"] <= 1.0
+    assert knn.study.question.endswith("?") and len(knn.study.finding) > 100
 
 
 def test_a_graph_names_the_nearest_others():
