@@ -98,9 +98,10 @@ REMOVED: dict[str, Callable[[pd.DataFrame], pd.DataFrame]] = {
     "kato-8": eyeless,
     "kernels-lips": unmarked,
     "photo-fit": without(name="jaw left"),
+    "retarget": without(method="jacobian", motion="dense"),
     "seam": holed,
 }
-"""Scene to what takes one marker out of its rows; a part of the head or a vertex where it has no markers."""
+"""Scene to what takes one marker out of its rows; where it has none, a part of the head, a vertex or some bars."""
 
 NEAREST_TO_THE_LIMIT = ("huang-2", "huang-5", "kato-4", "marker-count", "seam")
 """Figures whose controls always run; those of the others, which are further away, are slow tests."""
@@ -124,6 +125,7 @@ SIZES = {
     "kato-8": "evalkit.figures.faces.HALF_MM",
     "kernels-lips": "evalkit.figures.kernels_lips.HALF_MM",
     "photo-fit": VIEW_ANGLE,
+    "retarget": VIEW_ANGLE,
     "seam": "evalkit.figures.seam.HALF_MM",
 }
 """Scene to the number by which its camera shows everything larger or smaller."""

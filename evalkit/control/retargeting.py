@@ -60,6 +60,9 @@ class Transfer:
 
     Notes
     -----
+    The paper learns the map anew from the dense correspondence before it takes the derivative. Here it is the warp of
+    the landmarks: one through hundreds of near places of two different surfaces folds between them.
+
     Where the warp folds, its affine part stands for its Jacobian, and `folds` says where. The lining of the mouth and
     of the eyes follows the skin nearest to it on its side of the slit; lower teeth and tongue turn about the jaw with
     the chin, to first order; eyeballs and upper teeth stand still.

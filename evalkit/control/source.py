@@ -222,5 +222,5 @@ spreads: dict[str, Callable[[Source], csr_array]] = {
 """How marker motion spreads over the performer's skin, name to ``source -> weights (V, M)``."""
 
 DEFAULT_SPREAD = "kernel"
-"""The study ``retarget`` has it nearer to truth over the whole face, and as near on the lips, as the barycentric one,
-which is the paper's: between chin and neck, where no markers are, it bends less."""
+"""In the study ``retarget`` nearer to truth over the whole face than the barycentric one, which is the paper's, and as
+near at lips and brows: between chin and neck, where no markers are, a barycentric field falls off too soon."""
