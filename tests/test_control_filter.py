@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from oracles.control_oracles import cross_blended, posterior_slow, projected_slow
 
 from evalkit.control.filtering import (
+    NOISE_FLOOR,
     LocalFilter,
     WindowPrior,
     even,
@@ -68,13 +69,13 @@ def test_neighbours_that_are_all_the_same_are_what_comes_out():
 def test_posterior_is_the_gaussian_given_what_is_known(base, seed, gaps):
     random = generator("posterior", seed=seed)
     prior = WindowPrior.of(base, 4, np.arange(15))
+    assert prior.rest > NOISE_FLOOR
     windows = random.normal(size=(2, 60))
     windows[random.random(windows.shape) < gaps] = np.nan
     noise = random.uniform(0.05, 1.0, windows.shape)
     covariance = (prior.axes * prior.variances) @ prior.axes.T
-    for window, level, found in zip(windows, noise, prior.posterior(windows, noise), strict=True):
-        # The floor of the noise is 1e-6 against 0.05 at least.
-        assert np.allclose(found, posterior_slow(window, prior.mean, covariance, level), rtol=0, atol=1e-3)
+    for window, level, found in zip(windows, noise + prior.rest, prior.posterior(windows, noise), strict=True):
+        assert np.allclose(found, posterior_slow(window, prior.mean, covariance, level), rtol=0, atol=ROUND_OFF)
 
 
 def test_noise_is_told_from_motion():

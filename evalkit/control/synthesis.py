@@ -74,7 +74,7 @@ def _gaussian(windows: Array, examples: Array) -> Array:
     return weights / weights.sum(axis=1, keepdims=True)
 
 
-def _local_regression(windows: Array, examples: Array) -> Array:
+def _local_components(windows: Array, examples: Array) -> Array:
     plane = local_plane(examples, even(_distances(windows, examples)))
     return on_plane(plane, examples, windows)
 
@@ -87,16 +87,16 @@ def _nearest(windows: Array, examples: Array) -> Array:
 
 synthesisers: dict[str, Synthesiser] = {
     "inverse distance": Synthesiser("1/d - 1/d_K, over their sum: the furthest example has none", _inverse_distance),
-    "gaussian": Synthesiser("exp(-d²/2s²) over their sum, s half the mean distance", _gaussian),
-    "local regression": Synthesiser(
-        "linear regression of the motion on the principal components of the examples' parameters", _local_regression
+    "gaussian weights": Synthesiser("exp(-d²/2s²) over their sum, s half the mean distance", _gaussian),
+    "local components": Synthesiser(
+        "linear regression of the motion on the principal components of the examples' parameters", _local_components
     ),
     "nearest": Synthesiser("the nearest example alone", _nearest),
     "corrected inverse distance": Synthesiser(
         "1/d - 1/d_K, and what that leaves of the parameters by one linear map", _inverse_distance, True
     ),
-    "corrected local regression": Synthesiser(
-        "local regression, and what that leaves of the parameters by one linear map", _local_regression, True
+    "corrected local components": Synthesiser(
+        "local components, and what that leaves of the parameters by one linear map", _local_components, True
     ),
 }
 """Name -> a way to weigh examples. The notes on the paper say no more of its weights than that they follow from the
