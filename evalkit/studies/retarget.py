@@ -5,8 +5,8 @@ Question: how near does a performer's motion on another head come to that head's
 Finding: with 2 seeds, each 12 mixtures of units and the jaw alone; root mean square errors over the motion in truth,
 all vertices of the face / its lips. From all vertices of the source, with the Jacobian, without it, and Deformation
 Transfer: on a head bent to a muzzle 0.13 / 0.17, 0.35 / 0.38, 0.33 / 0.32; on a person of other proportions
-0.08 / 0.06, 0.04 / 0.04, 0.03 / 0.02; on an identity of ICT-FaceKit 0.07 / 0.07, 0.06 / 0.06, 0.04 / 0.04; ICT-FaceKit's shapes on
-MakeHuman's head, beside what its artist made, 0.41 / 0.40, 0.41 / 0.39, 0.43 / 0.43; the other way 0.38 / 0.34,
+0.08 / 0.06, 0.04 / 0.04, 0.03 / 0.02; on an identity of ICT-FaceKit 0.07 / 0.07, 0.06 / 0.06, 0.04 / 0.04;
+ICT-FaceKit's shapes on MakeHuman's head, beside what its artist made, 0.41 / 0.40, 0.41 / 0.39, 0.43 / 0.43; the other way 0.38 / 0.34,
 0.37 / 0.33, 0.38 / 0.37. So the Jacobian matters where proportions are far apart, and between human faces it does not
 help. Three of the pairs decide that by how they are made: a muzzle's truth is bent with space, which is what the
 Jacobian follows to first order, and a person's muscles and an identity's shapes move by the same millimetres whatever
