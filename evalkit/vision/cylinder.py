@@ -39,6 +39,10 @@ more, at H.264's coarsest 0.42, sharp ones 0.44 to 0.8; blurred by a fortieth of
 SMEARED = 0.7
 """Share of the first frame's sharpness below which a frame is weak. Turns and motion blur leave 0.78 and more."""
 
+ALONE_SCORE = 0.62
+"""What a pose must reach that is far from all references after a frame that was unsure: a hand that is followed has
+0.58 to 0.61."""
+
 LONGEST_WEAK = 15
 """Frames after which a pose that stays weak is taken for none."""
 
@@ -63,7 +67,7 @@ with the first of these."""
 DAMPING = 0.7
 """Share of the last motion that is expected to go on."""
 
-OVAL_DEG, OVAL_SHARE = 78.0, 1.0
+OVAL_DEG, OVAL_SHARE = 78.0, 1.2
 """Half axes of the face's oval: angle, and share of the half height."""
 
 SOFT_WEIGHT = 0.25
@@ -134,7 +138,7 @@ class CylinderTracker:
         usable = self._rigid[0] * first.template[0].weight
         self._relief = Relief(self.surface, camera, start.rotation, start.translation, usable)
         self._last: tuple[View, Fit] | None = None
-        self._usual = USUAL_SCORE
+        self._usual, self._before = USUAL_SCORE, USUAL_SCORE
         self._sharpness = sharpness(first.template[0].grey, usable)
         self._turn = 0
         self._weak_for = 0
@@ -151,6 +155,7 @@ class CylinderTracker:
         least = FOUND_SCORE if self._lost_for else LOST_SCORE
         if fit.score < least or self._weak_for > LONGEST_WEAK or not self._likely(fit):
             self._lost_for += 1
+            self._before = 0.0
             self._motion = np.zeros(3), np.zeros(3)
             return LOST
         self._keep(view, fit)
@@ -161,13 +166,15 @@ class CylinderTracker:
     def _likely(self, fit: Fit) -> bool:
         """Whether a pose is one that can be claimed: with the middle of the face in the picture, and known before.
 
-        Where no reference has been, only the last frame speaks for a pose, and with a hand before the face the hand.
+        Where no reference has been, only the last frame speaks for a pose; if that was unsure itself, it may have been
+        of a hand before the face.
         """
         x, y = self.camera.project(fit.rotation @ [0.0, 0.0, float(self.surface.radii_mm.mean())] + fit.translation)
         if not (0.0 <= x <= self.camera.width and 0.0 <= y <= self.camera.height):
             return False
         alone = self.settings.update == "references" and self._near(fit.rotation, fit.translation) is None
-        return fit.score >= CLOSED_SCORE or not (alone and self.settings.recover)
+        doubted = alone and self.settings.recover and self._before < CLOSED_SCORE
+        return fit.score >= ALONE_SCORE or not doubted
 
     def _sharp(self, fit: Fit) -> bool:
         """Whether a frame shows as much of the face as the first one, and that one enough."""
@@ -290,6 +297,7 @@ class CylinderTracker:
         self._lost_for = 0
         self._rotation, self._translation = rotation, fit.translation
         self._usual += 0.1 * (fit.score - self._usual)
+        self._before = fit.score
         if fit.score >= CLOSED_SCORE:
             self._sure = rotation, fit.translation
         if self.settings.update == "static" or fit.score < TRACKED_SCORE:
