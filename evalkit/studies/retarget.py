@@ -4,23 +4,24 @@ Question: how near does a performer's motion on another head come to that head's
 
 Finding: with 2 seeds, each 12 mixtures of units and the jaw alone; root mean square errors over the motion in truth,
 all vertices of the face / its lips. From all vertices of the source, with the Jacobian, without it, and Deformation
-Transfer: on a head bent to a muzzle 0.13 / 0.17, 0.35 / 0.38, 0.33 / 0.32; on a person of other proportions
-0.08 / 0.06, 0.04 / 0.04, 0.03 / 0.02; on an identity of ICT-FaceKit 0.07 / 0.07, 0.06 / 0.06, 0.04 / 0.04;
-ICT-FaceKit's shapes on MakeHuman's head, beside what its artist made, 0.41 / 0.40, 0.41 / 0.39, 0.43 / 0.43; the other way 0.38 / 0.34,
-0.37 / 0.33, 0.38 / 0.37. So the Jacobian matters where proportions are far apart, and between human faces it does not
-help. Three of the pairs decide that by how they are made: a muzzle's truth is bent with space, which is what the
-Jacobian follows to first order, and a person's muscles and an identity's shapes move by the same millimetres whatever
-the face, which is what is done without it. Only the two artists are no party to it. Deformation Transfer is given the
-true correspondence on the pairs of one topology, which the others have to find. Kernels differ little between human
-faces (0.40 to 0.42 and 0.37 to 0.40); on the muzzle the rounded biharmonic one is best (0.13; biharmonic 0.14, thin
-plate 0.14, cubic 0.20, Gaussian 0.27). With the jaw alone the mouth of the muzzle opens by 1.38 times as much as in
-truth, an arc of 20 mm being more than first order; without the Jacobian by 0.93 times; MakeHuman's by 1.15 and 1.09,
-ICT-FaceKit's by 0.85 and 0.91. Lids are the worst part (0.80 to 0.94 between the artists, 0.32 on an identity). From
-markers, with the Jacobian, by the toolkit's map / barycentrically / the same without slits, all vertices: person
-0.45 / 0.62 / 0.64, muzzle 0.45 / 0.61 / 0.63, identity 0.33 / 0.42 / 0.49, MakeHuman 0.44 / 0.55 / 0.58, ICT-FaceKit
-0.42 / 0.49 / 0.55; lips 0.19 / 0.19 / 0.34, 0.21 / 0.22 / 0.35, 0.30 / 0.28 / 0.44, 0.37 / 0.36 / 0.46, 0.41 / 0.36 /
-0.51. Without slits, as in the paper, lips stick together. The barycentric spread loses between chin and neck, where
-no markers are; at the brows it is as good. Wrong landmarks are worse than no motion at all everywhere (2.9 and more).
+Transfer: on a head bent to a muzzle 0.13 / 0.17, 0.35 / 0.38, 0.33 / 0.32; on a person of other proportions 0.08 /
+0.06, 0.04 / 0.04, 0.03 / 0.02; on an identity of ICT-FaceKit 0.07 / 0.07, 0.06 / 0.06, 0.04 / 0.04; ICT-FaceKit's
+shapes on MakeHuman's head, beside what its artist made, 0.41 / 0.40, 0.41 / 0.39, 0.43 / 0.43; the other way 0.38 /
+0.34, 0.37 / 0.33, 0.38 / 0.37. So the Jacobian matters where proportions are far apart, and between human faces it
+does not help. Three of the pairs decide that by how they are made: a muzzle's truth is bent with space, which is what
+the Jacobian follows to first order, and a person's muscles and an identity's shapes move by the same millimetres
+whatever the face, which is what is done without it. Only the two artists are no party to it. Deformation Transfer is
+given the true correspondence on the pairs of one topology, which the others have to find. Kernels differ little
+between human faces (0.40 to 0.42 and 0.37 to 0.40); on the muzzle the rounded biharmonic one is best (0.13; biharmonic
+0.14, thin plate 0.14, cubic 0.20, Gaussian 0.27). With the jaw alone the mouth of the muzzle opens by 1.38 times as
+much as in truth, an arc of 20 mm being more than first order; without the Jacobian by 0.93 times; MakeHuman's by 1.15
+and 1.09, ICT-FaceKit's by 0.85 and 0.91. Lids are the worst part (0.80 to 0.94 between the artists, 0.32 on an
+identity). From markers, with the Jacobian, by the toolkit's map / barycentrically / the same without slits, all
+vertices: person 0.45 / 0.62 / 0.64, muzzle 0.45 / 0.61 / 0.63, identity 0.33 / 0.42 / 0.49, MakeHuman 0.44 / 0.55 /
+0.58, ICT-FaceKit 0.42 / 0.49 / 0.55; lips 0.19 / 0.19 / 0.34, 0.21 / 0.22 / 0.35, 0.30 / 0.28 / 0.44, 0.37 / 0.36 /
+0.46, 0.41 / 0.36 / 0.51. Without slits, as in the paper, lips stick together. The barycentric spread loses between
+chin and neck, where no markers are; at the brows it is as good. Wrong landmarks are worse than no motion at all
+everywhere (2.9 and more).
 
 Command: ``evalkit study run retarget --budget full``
 """
