@@ -399,19 +399,21 @@ def test_a_head_file_is_a_target_as_itself_and_as_another_person(tmp_path):
 
 
 def shaped_head():
-    """The small head with four shapes, two of which overlap, and an identity."""
+    """The small head with four shapes, two of which overlap, an identity, and a shape of the eyeballs."""
     head, draw = small_head(), generator("shapes", seed=0)
     shapes = {}
     for k, name in enumerate(("jawOpen", "mouthSmileLeft", "browInnerUp", "mouthFunnel")):
         which = head.skin_vertices[200 * (k % 3) : 200 * (k % 3) + 300]
         shapes[name] = (which, draw.normal(0.0, 2.0, (len(which), 3)))
-    return replace(head, blendshapes=shapes | {"identity000": shapes["jawOpen"]})
+    balls = head.part_vertices("eyeballs")
+    others = {"identity000": shapes["jawOpen"], "eyeLookUpLeft": (balls, draw.normal(0.0, 2.0, (len(balls), 3)))}
+    return replace(head, blendshapes=shapes | others)
 
 
 def test_coefficients_of_a_head_s_own_shapes_are_found(tmp_path):
     head, draw = shaped_head(), generator("amounts", seed=0)
     bases = np.zeros((4, *head.vertices.shape))
-    names = [name for name in head.blendshapes if not name.startswith("identity")]
+    names = [name for name in head.blendshapes if not name.startswith(("identity", "eyeLook"))]
     for k, name in enumerate(names):
         bases[k, head.blendshapes[name][0]] = head.blendshapes[name][1]
     target, amounts = TargetBases(head.vertices, bases), draw.uniform(0.0, 1.0, (30, 4))

@@ -18,10 +18,14 @@ from evalkit.control.targets import IDENTITY
 from evalkit.errors import EvalkitError
 from evalkit.geometry import Array
 from evalkit.head import Head
+from evalkit.head.model import Indices
 
 RIDGE = 1e-4
 """Weight of the squared coefficients over the mean squared size of a shape: of mixtures that do the same, the smallest
 one. A shape of mean size loses a ten-thousandth by it."""
+
+ON_SKIN = 0.5
+"""Shapes less of whose squared motion is the skin's turn eyeballs or put the tongue out: markers do not show that."""
 
 CLOSE, STEPS = 1e-7, 4000
 """Steps end when no coefficient changes by more, or after so many."""
@@ -83,7 +87,7 @@ def fit_shapes(head: Head, bases: TargetBases, coefficients: ArrayLike) -> Shape
     Parameters
     ----------
     head : Head
-        With blendshapes; those that make it another person do not count.
+        With blendshapes; those that make it another person or move mainly eyeballs or tongue do not count.
     bases : TargetBases
         On this head.
     coefficients : array_like, shape (F, L)
@@ -108,7 +112,8 @@ def fit_shapes(head: Head, bases: TargetBases, coefficients: ArrayLike) -> Shape
     doi:10.1137/080716542; restarts: O'Donoghue and Candes, Found. Comput. Math. 15, 2015,
     doi:10.1007/s10208-013-9150-3.
     """
-    names = tuple(name for name in head.blendshapes if not name.startswith(IDENTITY))
+    skin = head.skin_vertices
+    names = tuple(name for name in head.blendshapes if not name.startswith(IDENTITY) and _moves_skin(head, name, skin))
     if not names:
         raise EvalkitError(
             f"{head.name}: it has no shapes to give coefficients of; take a head with shapes, as makehuman"
@@ -118,7 +123,6 @@ def fit_shapes(head: Head, bases: TargetBases, coefficients: ArrayLike) -> Shape
         raise EvalkitError(
             f"coefficients of shape {given.shape} for {len(bases.bases)} bases of {len(bases.rest)} vertices"
         )
-    skin = head.skin_vertices
     shapes = np.zeros((len(names), *head.vertices.shape))
     for k, name in enumerate(names):
         which, moves = head.blendshapes[name]
@@ -131,6 +135,12 @@ def fit_shapes(head: Head, bases: TargetBases, coefficients: ArrayLike) -> Shape
     left = whole - 2.0 * (values * right).sum(axis=1) + np.einsum("fi,ij,fj->f", values, gram, values, optimize=True)
     rms = [np.sqrt(np.maximum(squares, 0.0) / len(skin)) for squares in (left, whole)]
     return ShapeFit(names, values, *rms)
+
+
+def _moves_skin(head: Head, name: str, skin: Indices) -> bool:
+    which, moves = head.blendshapes[name]
+    squares = (moves**2).sum(axis=1)
+    return bool(squares[np.isin(which, skin)].sum() > ON_SKIN * squares.sum())
 
 
 def bounded(gram: Array, right: Array) -> Array:

@@ -36,6 +36,10 @@ OFF_SKIN_MM = 15.0
 APART_MM = 3.0
 """Of markers nearer to each other, the later one is left out: the skin between two would be pulled apart by noise."""
 
+ROUNDS = 3
+"""A marker beyond the points that are known, as at the side of a chin, may lie off the skin before its neighbours have
+drawn it near."""
+
 HELD = 40
 """Places of the face's edge that stand still; on average 12 mm apart, closer than markers are."""
 
@@ -68,8 +72,8 @@ class Source:
 def performer_surface(labels: Sequence[str], rest_mm: ArrayLike, head: Head | None = None) -> Source:
     """Fit a head to the markers of a performer at rest.
 
-    A similarity and then a warp bring the head's landmarks to the markers that are known points of the face; markers of
-    any other name are laid on the nearest skin, and a second warp takes the skin to all of them.
+    A warp brings the head's landmarks to the markers that are known points of the face; markers of any other name are
+    laid on the nearest skin, and another warp takes the skin to all of them.
 
     Parameters
     ----------
@@ -105,13 +109,17 @@ def performer_surface(labels: Sequence[str], rest_mm: ArrayLike, head: Head | No
         )
     first = fit_warp({name: known[name] for name in anchors}, {name: rest[k] for name, k in anchors.items()})
     laid = moved_head(head, first)
-    on_skin, off = closest_points(rest, laid.vertices, laid.part_triangles("skin", "lids"))
-    on_skin[list(anchors.values())] = rest[list(anchors.values())]
-    near = np.flatnonzero(off <= OFF_SKIN_MM)
-    gaps = np.linalg.norm(rest[near, None] - rest[near], axis=2)
-    used = near[~(np.tril(gaps < APART_MM, -1)).any(axis=1)]
-    second = fit_warp({str(k): on_skin[k] for k in used}, {str(k): rest[k] for k in used})
-    fitted = replace(moved_head(laid, second), name="performer")
+    used = np.zeros(0, dtype=np.intp)
+    for _ in range(ROUNDS):
+        on_skin, off = closest_points(rest, laid.vertices, laid.part_triangles("skin", "lids"))
+        on_skin[list(anchors.values())] = rest[list(anchors.values())]
+        near = np.flatnonzero(off <= OFF_SKIN_MM)
+        gaps = np.linalg.norm(rest[near, None] - rest[near], axis=2)
+        before, used = len(used), near[~(np.tril(gaps < APART_MM, -1)).any(axis=1)]
+        if len(used) == before:
+            break
+        laid = moved_head(laid, fit_warp({str(k): on_skin[k] for k in used}, {str(k): rest[k] for k in used}))
+    fitted = replace(laid, name="performer")
     out = np.setdiff1d(np.arange(len(labels)), used)
     text = f"{head.name} laid on {len(anchors)} points and {len(used) - len(anchors)} other markers"
     if len(out):
