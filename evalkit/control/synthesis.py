@@ -7,7 +7,7 @@ weighted by distance, and consecutive windows are blended (:class:`~evalkit.cont
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -24,6 +24,15 @@ EXAMPLES = 30
 
 MAP_ROWS = 20_000
 """Frames that the linear map is fitted to at most: a thousand times as many as it has parameters."""
+
+
+MAP_RIDGE = 1e-2
+"""Ridge over the mean variance of the parameters. Held-out performances of one head are 0.66 mm off by the map alone,
+with 1e-3 0.69 and with 0.1 0.79."""
+
+MAP_SHARE = 0.999
+"""Share of the database that counts as what it covers. Without a limit, a map learnt on a real take of a jaw was 9.7 mm
+off on one of cheeks, whose face at rest is 6.3 mm off."""
 
 
 class Motions(Windows, Protocol):
@@ -156,22 +165,55 @@ class Synthesis:
         motion = (weights[:, None].astype(flat.dtype) @ flat).reshape(len(starts), samples, -1)
         if self.map is None:
             return motion
-        left = windows - (weights[:, None] @ points)[:, 0]
-        return motion + left.reshape(len(windows), self.window, -1)[:, -samples:] @ self.map
+        shape = (len(windows), self.window, -1)
+        combined = (weights[:, None] @ points).reshape(shape)[:, -samples:]
+        return motion + (self.map.within(windows.reshape(shape)[:, -samples:]) - combined) @ self.map.matrix
 
 
-def linear_map(database: Motions, columns: NDArray[np.intp]) -> Array:
-    """The map (P, 3 M) from parameters to marker displacements, mm, that fits a database's frames best.
+@dataclass(frozen=True, eq=False)
+class LinearMap:
+    """Linear map from parameters to marker displacements, and how far it is known to hold.
 
-    Ridge of a thousandth of the parameters' mean variance: two that always move together share what they tell.
+    Attributes
+    ----------
+    mean : ndarray, shape (P,)
+        Of the parameters.
+    matrix : ndarray, shape (P, 3 M)
+        Displacements, mm, for a difference from the mean.
+    precision : ndarray, shape (P, P)
+        Inverse covariance of the parameters, with the ridge.
+    limit : float
+        Mahalanobis distance from the mean within which :data:`MAP_SHARE` of the database lies.
     """
+
+    mean: Array
+    matrix: Array
+    precision: Array
+    limit: float
+
+    def within(self, parameters: Array) -> Array:
+        """Parameters (..., P), those further out than the database moved towards the mean until they are not.
+
+        A line that is followed beyond its data says anything: markers would fly off the face.
+        """
+        off = parameters - self.mean
+        distance = np.sqrt(((off @ self.precision) * off).sum(axis=-1, keepdims=True))
+        return self.mean + off * (self.limit / np.maximum(distance, self.limit))
+
+
+def linear_map(database: Motions, columns: NDArray[np.intp]) -> LinearMap:
+    """The map that fits a database's frames best, by ridge regression: parameters that always move together share."""
     rows = np.unique(np.linspace(0, len(database.parameters) - 1, MAP_ROWS).astype(np.intp))
     x = np.asarray(database.parameters[rows][:, columns], dtype=np.float64)
     y = np.asarray(database.motions[rows], dtype=np.float64).reshape(len(rows), -1)
-    x, y = x - x.mean(axis=0), y - y.mean(axis=0)
-    square = x.T @ x
-    ridge = 1e-3 * np.trace(square) / len(square) + np.finfo(float).tiny
-    return np.linalg.solve(square + ridge * np.eye(len(square)), x.T @ y)
+    mean = x.mean(axis=0)
+    x, y = x - mean, y - y.mean(axis=0)
+    covariance = x.T @ x / len(x)
+    ridge = MAP_RIDGE * np.trace(covariance) / len(covariance) + np.finfo(float).tiny ** 0.5
+    precision = np.linalg.inv(covariance + ridge * np.eye(len(covariance)))
+    distances = np.sqrt(((x @ precision) * x).sum(axis=1))
+    limit = max(float(np.quantile(distances, MAP_SHARE)), np.finfo(float).tiny)
+    return LinearMap(mean, precision @ (x.T @ y) / len(x), precision, limit)
 
 
 def synthesise(signal: ArrayLike, synthesis: Synthesis, layout: Layout) -> tuple[Array, NDArray[np.int8]]:

@@ -100,9 +100,9 @@ def run(driven: Driven, method: str) -> Array:
         nearest = cKDTree(rows).query(data.truth.reshape(len(data.truth), -1))[1]
         return data.motions[nearest].astype(np.float64)
     if method == MAP:
-        columns = driven.columns
-        offset = data.parameters[:, columns].mean(axis=0, dtype=np.float64)
-        moved = (driven.signal[:, columns] - offset) @ linear_map(data, columns) + rows.mean(axis=0, dtype=np.float64)
+        line = linear_map(data, driven.columns)
+        moved = (line.within(driven.signal[:, driven.columns]) - line.mean) @ line.matrix
+        moved = moved + rows.mean(axis=0, dtype=np.float64)
         return np.asarray(moved).reshape(data.truth.shape)
     searcher: Any = driven.searcher
     if method == RANDOM:
