@@ -170,7 +170,7 @@ def test_occluder_and_mouth():
 
 def test_occluder_and_mouth_control():
     film, filmed, covered = occluded_film()
-    rotations, *_ = track(film, filmed, Settings(robust=False, recover=False))
+    rotations, *_ = track(film, filmed, Settings("dynamic", robust=False, recover=False))
     apart = oracle.apart_deg(rotations, filmed[1])
     last = np.flatnonzero(covered)[-1]
     assert not (np.nanmax(apart) <= 15.0 and (apart[last + 10 :] < 3.0).all())
