@@ -3,9 +3,20 @@
 Question: how much nearer to the truth does a database bring noisy control parameters, and what does it take away from
 expressions that it does not have?
 
-Finding: to be measured.
+Finding: in the database every one of its filters meets the aim of half of the error; outside it local PCA, the paper's
+filter, does not, and the posterior mean does on the same performer, though not on a real take of other movements. One
+seed, MakeHuman's head, five minutes at 60 Hz; errors in spreads under Gaussian noise of 0.1 / 0.3 / 1.0. In the
+database: local PCA 0.028 / 0.077 / 0.25, posterior mean 0.045 / 0.10 / 0.25, with a local prior 0.030 / 0.077 / 0.21,
+Savitzky-Golay 0.063 / 0.16 / 0.53. Another performance: local PCA 0.11 / 0.14 / 0.29, posterior mean 0.048 / 0.11 /
+0.26. Emotions that the database does not have: 0.26 / 0.27 / 0.34 and 0.048 / 0.10 / 0.25. A clean signal shows the
+bias: local PCA 0.015, 0.11 and 0.26 in the three, posterior mean at most 0.022, PCA of all windows at most 0.058.
+Weighing the neighbours by distance changes nothing. Drift of 0.3 no filter halves: local PCA 0.19 in the database and
+0.22 held out, posterior mean 0.30 and 0.32, since smooth errors pass for motion. Outliers are where it gains most (held
+out 0.62 to 0.12). From a real take of the jaw to one of the cheeks, which is far outside, local PCA takes the
+expression away (0.89 even of a clean signal) and the posterior mean brings next to nothing (0.08 / 0.31 / 0.93); there
+a moving average is best (0.05 / 0.10 / 0.34).
 
-Command: ``evalkit study run filter --budget full``
+Command: ``evalkit study run filter --budget full --seeds 1``, the real takes with ``EVALKIT_REAL_DATA`` set
 """
 
 from __future__ import annotations
