@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import itertools
 import json
-from collections.abc import Iterator, Sequence
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 import numpy as np
+from numpy.typing import NDArray
 
 from evalkit import __version__
 from evalkit.cli.video_source import (
@@ -20,25 +23,26 @@ from evalkit.cli.video_source import (
     expected_frames,
     first_points,
     frame_of,
+    is_camera,
     opened,
     part_of,
     progress,
+    watched,
 )
 from evalkit.errors import EvalkitError
-from evalkit.geometry import blocks
 
 if TYPE_CHECKING:
     from evalkit.control.character import Character
     from evalkit.control.database import Database
+    from evalkit.control.live import LiveFrame
+    from evalkit.control.signal_windows import SignalStatus
     from evalkit.control.signals import Signal
-    from evalkit.control.stream import ControlMotion
+    from evalkit.control.stream import Settings
     from evalkit.geometry import Array
+    from evalkit.vision.tracker import Picture
     from evalkit.vision.video import Video
 
 FILE = click.Path(path_type=Path)
-
-BLOCK = 64
-"""Frames whose vertices are computed at a time."""
 
 
 @click.command()
@@ -55,6 +59,9 @@ BLOCK = 64
 @click.option("--frames", type=click.IntRange(min=1), metavar="N", help="Frames at most.")
 @click.option("--rate", type=float, metavar="HZ", help="Frames per second, if not as the file says.")
 @click.option("--camera-fov", type=float, metavar="DEG", help="Of the picture's longer side  [default: assumed, 50]")
+@click.option(
+    "--neutral", metavar="FRAMES", help="Frames of the face at rest, from 0: 3 or 0,1,2  [default: the first]"
+)
 @click.option("--search", metavar="NAME", help="How the database is searched; see evalkit methods.")
 @click.option("--still", is_flag=True, help="Leave the head motion off.")
 @click.option("--alone", is_flag=True, help="The character without the video beside it.")
@@ -64,15 +71,16 @@ BLOCK = 64
 def control(
     source: str | None, table: Path | None, folder: Path, head_name: str, names: Path | None, identity: str | None,
     output: Path, points: Path | None, eyes: str | None, start: int, frames: int | None, rate: float | None,
-    camera_fov: float | None, search: str | None, still: bool, alone: bool, size: int, coefficients: Path | None,
-    as_json: bool,
+    camera_fov: float | None, neutral: str | None, search: str | None, still: bool, alone: bool, size: int,
+    coefficients: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
     """Let a character do what the face in VIDEO does.
 
     The face is followed (as by evalkit track); what a motion database knows of faces takes the noise out of its
     parameters and adds the detail, which moves every vertex of the head. VIDEO may be a folder of pictures or the
-    number of a camera, which is recorded first. --from takes parameters.csv of evalkit track, or its folder, in place
-    of a video. HEAD is template, makehuman, a folder of evalkit head fit, or a mesh file with a JSON of landmarks.
+    number of a camera, whose face is followed live until q and Enter or --frames. --from takes parameters.csv of
+    evalkit track, or its folder, in place of a video. HEAD is template, makehuman, a folder of evalkit head fit, or a
+    mesh file with a JSON of landmarks.
 
     \b
     Examples:
@@ -86,29 +94,60 @@ def control(
     from evalkit.cli.compensate import working
     from evalkit.control.character import Character
     from evalkit.control.database import open_database
+    from evalkit.control.signals import read_signal
+    from evalkit.control.stream import Settings
     from evalkit.control.targets import target_head
 
     database = open_database(folder)
+    settings = Settings() if search is None else Settings(searcher=search)
+    signal = None if table is None else read_signal(table, rate)
     with working("making the head"):
-        character = Character.of(database, target_head(head_name, names, identity))
-    video, signal = None, None
-    if table is not None:
-        from evalkit.control.signals import read_signal
-
-        signal = read_signal(table, rate)
+        head = target_head(head_name, names, identity)
+    video: Video | None = None
+    notes: list[str] = []
+    shots: Iterator[Shot]
+    if is_camera(source):
+        video, shots = _live(str(source), database, settings, points, eyes, frames, rate, camera_fov)
+        rate_hz, count = video.rate_hz, frames
     else:
-        video, signal = _watched(str(source), output, points, eyes, start, frames, rate, camera_fov)
-    normalised, notes = signal.against_neutral(database.spread)
-    with working("searching the database"):
-        played = _played(database, normalised, signal.rate_hz, search)
+        if signal is None:
+            video, signal = _watched(str(source), points, eyes, start, frames, rate, camera_fov)
+        rate_hz, count = signal.rate_hz, len(signal.parameters)
+        with working("searching the database"):
+            shots, notes = _played(database, signal, settings, neutral)
+        if video is not None:
+            pictures = part_of(video, start, count)
+            shots = (replace(shot, frame=picture) for shot, picture in zip(shots, pictures, strict=False))
+    with working("putting the database's motion on the head"):
+        character = Character.of(database, head)
+    written = [str(output)]
     with _finished(output) as path:
-        _draw(character, signal, played, path, size, None if alone else video, start, still)
-    content = _summary(database, character, signal, played, notes)
-    content["written"] = [str(output)]
-    if coefficients is not None:
-        content["shapes"] = _write_coefficients(character, played.displacements, signal.rate_hz, coefficients)
-        content["written"].append(str(coefficients))
+        beside = None if alone or video is None else video.size
+        drawn = _draw(character, shots, path, size, beside, rate_hz, count, still)
+        content = _summary(database, character, rate_hz, drawn.status, notes)
+        if coefficients is not None:
+            content["shapes"] = _write_coefficients(character, drawn.displacements, rate_hz, coefficients)
+            written.append(str(coefficients))
+    content["written"] = written
     click.echo(json.dumps(content, indent=2) if as_json else describe(content))
+
+
+@dataclass(frozen=True, eq=False)
+class Shot:
+    """One frame that is to be drawn: where the markers are, how the head is turned, and the video's picture."""
+
+    displacements: Array
+    rotation: Array
+    status: SignalStatus
+    frame: Picture | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """Displacements (F, M, 3), mm, and status (F,) of what was drawn."""
+
+    displacements: Array
+    status: NDArray[np.int8]
 
 
 def _check(output: Path, size: int, start: int, search: str | None, inputs: Sequence[Any], more: Path | None) -> None:
@@ -140,17 +179,16 @@ def _check(output: Path, size: int, start: int, search: str | None, inputs: Sequ
 
 
 def _watched(
-    source: str, output: Path, points: Path | None, eyes: str | None, start: int, frames: int | None,
-    rate: float | None, view_deg: float | None,
+    source: str, points: Path | None, eyes: str | None, start: int, frames: int | None, rate: float | None,
+    view_deg: float | None,
 ) -> tuple[Video, Signal]:  # fmt: skip
     """The video, and what the face in it does."""
     from evalkit.control.signals import Signal
     from evalkit.vision.track import track
     from evalkit.vision.trackers import DEFAULT, trackers
 
-    video = opened(source, rate, output.with_suffix(""), frames)
-    first = frame_of(video, start)
-    places, _ = first_points(video, first, start, points, eyes)
+    video = opened(source, rate, None, None)
+    places, _ = first_points(video, frame_of(video, start), start, points, eyes)
     camera = camera_of(video, view_deg)
     with about(video, start), progress("tracking", expected_frames(video, start, frames)) as done:
         found = track(
@@ -160,13 +198,67 @@ def _watched(
     return video, Signal(found.parameters, found.head.rotations, video.rate_hz)
 
 
-def _played(database: Database, normalised: Array, rate_hz: float, search: str | None) -> ControlMotion:
-    from evalkit.control.stream import Control, Settings
+def _live(
+    source: str, database: Database, settings: Settings, points: Path | None, eyes: str | None, frames: int | None,
+    rate: float | None, view_deg: float | None,
+) -> tuple[Video, Iterator[Shot]]:  # fmt: skip
+    """A camera, and what its face does as long as it is watched."""
+    from evalkit.control.live import LiveControl
+
+    camera = opened(source, rate, None, None)
+    seen = watched(camera, frames)
+
+    def shots() -> Iterator[Shot]:
+        first = next(seen, None)
+        if first is None:
+            raise EvalkitError(f"camera {source}: shows nothing")
+        with about(camera, 0):
+            places, _ = first_points(camera, first, 0, points, eyes)
+            chain = LiveControl(database, camera_of(camera, view_deg), camera.rate_hz, first, places, settings)
+        waiting = deque([first])
+        found: Iterable[LiveFrame | None] = itertools.chain([chain.first], map(chain.step, _kept(seen, waiting)))
+        for out in found:
+            if out is not None:
+                yield Shot(out.displacements, out.pose.rotation, out.status, waiting.popleft())
+        for out in chain.finish():
+            yield Shot(out.displacements, out.pose.rotation, out.status, waiting.popleft())
+
+    return camera, shots()
+
+
+def _kept(frames: Iterator[Picture], waiting: deque[Picture]) -> Iterator[Picture]:
+    for frame in frames:
+        waiting.append(frame)
+        yield frame
+
+
+def _frames(neutral: str | None, count: int) -> list[int] | None:
+    """Frames of ``--neutral``."""
+    if neutral is None:
+        return None
+    parts = [part.strip() for part in neutral.split(",")]
+    odd = next((part for part in parts if not part.isdecimal() or int(part) >= count), None)
+    if odd is not None:
+        raise EvalkitError(f"--neutral {neutral}: '{odd}' is no frame; they go from 0 to {count - 1}")
+    return [int(part) for part in parts]
+
+
+def _played(
+    database: Database, signal: Signal, settings: Settings, neutral: str | None
+) -> tuple[Iterator[Shot], list[str]]:
+    """A whole signal's frames, and what was left out of it."""
+    from evalkit.control.signal_windows import SignalStatus
+    from evalkit.control.stream import Control
     from evalkit.vision.parameters import NAMES
 
-    settings = Settings() if search is None else Settings(searcher=search)
+    normalised, notes = signal.against_neutral(database.spread, _frames(neutral, len(signal.parameters)))
     given = [name for name, column in zip(NAMES, normalised.T, strict=True) if np.isfinite(column).any()]
-    return Control(database, rate_hz, settings, given).run(normalised)
+    control = Control(database, signal.rate_hz, settings, given)
+    if control.unused:
+        notes.append(f"the database does not know {', '.join(control.unused)}; the face follows the others")
+    found = control.run(normalised)
+    rows = zip(found.displacements, signal.rotations, found.status, strict=True)
+    return (Shot(moves, rotation, SignalStatus(int(status))) for moves, rotation, status in rows), notes
 
 
 @contextmanager
@@ -181,27 +273,31 @@ def _finished(path: Path) -> Iterator[Path]:
 
 
 def _draw(
-    character: Character, signal: Signal, played: ControlMotion, path: Path, size: int, video: Video | None,
-    start: int, still: bool,
-) -> None:  # fmt: skip
+    character: Character, shots: Iterator[Shot], path: Path, size: int, video_size: tuple[int, int] | None,
+    rate_hz: float, count: int | None, still: bool,
+) -> Drawn:  # fmt: skip
+    """Draw every frame into a video; one in which the head's pose is not known has that of the frame before."""
     from evalkit.control.signal_windows import SignalStatus
-    from evalkit.control.signals import held_rotations
     from evalkit.render.control_video import SideBySide
     from evalkit.render.video_file import written_video
 
-    count = len(played.status)
-    lost = played.status == SignalStatus.LOST
-    turns = held_rotations(np.full_like(signal.rotations, np.nan) if still else signal.rotations)
-    frames: Iterator[Any] = itertools.repeat(None) if video is None else part_of(video, start, count)
+    made: list[Shot] = []
+    turn = np.eye(3)
     with (
-        SideBySide(character.head, size + size % 2, None if video is None else video.size) as pair,
-        written_video(path, pair.size, signal.rate_hz) as add,
+        SideBySide(character.head, size + size % 2, video_size) as pair,
+        written_video(path, pair.size, rate_hz) as add,
         progress("drawing", count) as done,
     ):
-        for part in blocks(count, BLOCK):
-            for k, vertices in zip(range(count)[part], character.vertices(played.displacements[part]), strict=True):
-                add(pair.drawn(vertices, turns[k], next(frames), bool(lost[k])))
-                done(k + 1)
+        for shot in shots:
+            if np.isfinite(shot.rotation).all() and not still:
+                turn = shot.rotation
+            vertices = character.vertices(shot.displacements[None])[0]
+            add(pair.drawn(vertices, turn, shot.frame, shot.status == SignalStatus.LOST))
+            made.append(replace(shot, frame=None))
+            done(len(made))
+    if not made:
+        raise EvalkitError("there are no frames to draw")
+    return Drawn(np.stack([shot.displacements for shot in made]), np.array([s.status for s in made], dtype=np.int8))
 
 
 def _write_coefficients(character: Character, displacements: Array, rate_hz: float, path: Path) -> dict[str, Any]:
@@ -214,8 +310,8 @@ def _write_coefficients(character: Character, displacements: Array, rate_hz: flo
 
 
 def _summary(
-    database: Database, character: Character, signal: Signal, played: ControlMotion, notes: list[str]
-) -> dict[str, Any]:  # fmt: skip
+    database: Database, character: Character, rate_hz: float, found: NDArray[np.int8], notes: list[str]
+) -> dict[str, Any]:
     from evalkit.control.signal_windows import SignalStatus
 
     report, folds = character.retargeting.report, character.retargeting.folds
@@ -223,8 +319,8 @@ def _summary(
         "evalkit": __version__,
         "database": {"folder": str(database.folder), "digest": database.digest, "rows": database.rows},
         "head": character.head.name,
-        "rate_hz": signal.rate_hz,
-        "frames": {status.text: int((played.status == status).sum()) for status in SignalStatus},
+        "rate_hz": rate_hz,
+        "frames": {status.text: int((found == status).sum()) for status in SignalStatus},
         "bases_keep": character.kept,
         "correspondence": report.text,
         "folds": folds.text,

@@ -26,11 +26,30 @@ RECORDING_CRF = 12
 """Of what a camera shows: the tracker sees what the encoder left."""
 
 
+def is_camera(source: str | None) -> bool:
+    """Whether it is the number of a camera, and no file of that name."""
+    return source is not None and source.isdecimal() and not Path(source).exists()
+
+
+def watched(camera: Video, frames: int | None) -> Iterator[Picture]:
+    """Frames of a camera as they come, until there are enough or q and Enter are typed."""
+    typed = sys.stdin.isatty()
+    if frames is None and not typed:
+        raise EvalkitError(f"camera {camera.source}: say how long with --frames N; there is no terminal to type q in")
+    if typed:
+        click.echo("q and Enter to stop", err=True)
+    return itertools.takewhile(lambda _: not (typed and _stopped()), itertools.islice(camera, frames))
+
+
+def _stopped() -> bool:
+    return bool(select.select([sys.stdin], [], [], 0)[0]) and sys.stdin.readline().strip() == "q"
+
+
 def opened(source: str, rate: float | None, output: Path | None, frames: int | None) -> Video:
     """The video; of a camera, what it shows until the user has enough, as a file in the output folder."""
     from evalkit.vision.video import read_video
 
-    if not source.isdecimal() or Path(source).exists():
+    if not is_camera(source):
         return read_video(source, rate)
     live = read_video(int(source), rate)
     if output is None:
@@ -44,23 +63,17 @@ def _record(live: Video, output: Path, frames: int | None) -> float:
     from evalkit.render.video_file import written_video
     from evalkit.results import staged
 
-    typed = sys.stdin.isatty()
-    if frames is None and not typed:
-        raise EvalkitError(f"camera {live.source}: say how long with --frames N; there is no terminal to type q in")
-    if typed:
-        click.echo("recording; q and Enter to stop", err=True)
+    seen = watched(live, frames)
     times: list[float] = []
     with (
         staged(output) as stage,
         written_video(stage / RECORDING, live.size, live.rate_hz, RECORDING_CRF) as add,
         progress("recording", frames) as done,
     ):
-        for frame in itertools.islice(live, frames):
+        for frame in seen:
             add(frame)
             times.append(time.monotonic())
             done(len(times))
-            if typed and select.select([sys.stdin], [], [], 0)[0] and sys.stdin.readline().strip() == "q":
-                break
     if not times:
         raise EvalkitError(f"camera {live.source}: shows nothing")
     return (len(times) - 1) / (times[-1] - times[0]) if times[-1] > times[0] else live.rate_hz

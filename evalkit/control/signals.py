@@ -49,16 +49,40 @@ class Signal:
         spread : ndarray, shape (15,)
             Of the database.
         frames : list of int, optional
-            Frames in which the face is at rest; without them as :func:`evalkit.vision.parameters.neutral_parameters`
-            finds it.
+            Frames in which the face is at rest; by default the first in which anything is known.
+
+        Raises
+        ------
+        EvalkitError
+            If nothing is known in any frame, or there is no such frame.
         """
-        neutral = neutral_parameters(self.parameters, frames)
-        small = RATIO & (np.abs(neutral) < SMALLEST_LENGTH)
+        neutral = neutral_of_first(self.parameters) if frames is None else neutral_parameters(self.parameters, frames)
+        sure = usable(neutral)
         notes = [
             f"{NAMES[k]} is {neutral[k]:.3f} eye distances at rest, too small for a ratio; left to the database"
-            for k in np.flatnonzero(small)
+            for k in np.flatnonzero(np.isfinite(neutral) & np.isnan(sure))
         ]
-        return normalise(self.parameters, np.where(small, np.nan, neutral), spread), notes
+        return normalise(self.parameters, sure, spread), notes
+
+
+def neutral_of_first(parameters: Array) -> Array:
+    """The neutral face (15,) out of parameters (F, 15): of each the first value that is known.
+
+    Raises
+    ------
+    EvalkitError
+        If nothing is known in any frame.
+    """
+    known = np.isfinite(parameters)
+    if not known.any():
+        raise EvalkitError("no control parameter is known in any frame; was the face found?")
+    first = known.argmax(axis=0)
+    return np.asarray(parameters[first, np.arange(parameters.shape[1])])
+
+
+def usable(neutral: Array) -> Array:
+    """A neutral face (15,) without the lengths that are too small for a ratio."""
+    return np.where(RATIO & (np.abs(neutral) < SMALLEST_LENGTH), np.nan, neutral)
 
 
 def held_rotations(rotations: Array) -> Array:
