@@ -22,7 +22,7 @@ class TrackStatus(IntEnum):
 
     TRACKED = 0
     WEAK = 1
-    """Little of the face supports the pose, or it is carried over from frames before."""
+    """Little of the face supports the pose, it is carried over from frames before, or the picture is a smear."""
     LOST = 2
     """No pose."""
 
