@@ -217,7 +217,7 @@ def run_recipe(text: str, folder: Path) -> None:
                 assert result.exit_code == 0, f"{line}\n{result.output}"
 
 
-HEAVY = ("add-kernel", "drive-a-head", "import-head")
+HEAVY = ("add-kernel", "control-character", "drive-a-head", "import-head")
 """Recipes that build a head; ``make docs`` runs them, too."""
 
 
