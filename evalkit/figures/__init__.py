@@ -72,6 +72,8 @@ MODULES = (
     "retarget",
     "knn",
     "factorisation",
+    "control_filter",
+    "control_synthesis",
 )
 """Files of this folder that are figures, in the order of the paper that they would make; ``figures`` is the table of
 them, name to module. They are imported when it is first looked at."""

@@ -151,6 +151,26 @@ LOOKS = {
     "static": Look("first frame", VERMILION, "X"),
     "dynamic": Look("last frame", GREEN, "^"),
     "references": Look("last frame, references", BLUE, "o"),
+    # Filters of control parameters
+    "held": Look("none", GREY, "|", ":"),
+    "moving average": Look("moving average", GREY, "s", "--"),
+    "savitzky-golay": Look("Savitzky-Golay", GREY, "^"),
+    "global pca": Look("PCA of all windows", GREEN, "v", "--"),
+    "projection": Look("local PCA (the paper's)", BLUE, "o"),
+    "weighted projection": Look("local PCA, weighted", SKY, "s", "--"),
+    "posterior": Look("posterior mean (ours)", VERMILION, "*"),
+    "local posterior": Look("posterior mean, local", ORANGE, "D"),
+    # Synthesis of markers
+    "rest": Look("face at rest", GREY, "|", ":"),
+    "random windows": Look("random windows", GREY, "x", ":"),
+    "nearest possible": Look("nearest possible frame", BLACK, "D", "--"),
+    "linear map": Look("linear map alone", GREEN, "v"),
+    "inverse distance": Look("inverse distance (the paper's)", BLUE, "o"),
+    "gaussian weights": Look("Gaussian weights", SKY, "s"),
+    "local components": Look("local components", PURPLE, ">"),
+    "nearest": Look("nearest window", ORANGE, "P"),
+    "corrected inverse distance": Look("inverse distance, corrected (ours)", VERMILION, "*"),
+    "corrected local components": Look("local components, corrected", PURPLE, "<", "--"),
 }  # fmt: skip
 """A method keeps its look from figure to figure; those of other packages are grey."""
 
