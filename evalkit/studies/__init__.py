@@ -53,6 +53,7 @@ MODULES = (
     "knn",
     "control_filter",
     "control_synthesis",
+    "end_to_end",
 )
 """Files of this folder that hold a ``study``, by theme; ``studies`` is the table of them, name to study, from which
 the command line and the tests take their lists. They are imported when it is first looked at."""
