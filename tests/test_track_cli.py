@@ -341,6 +341,13 @@ def test_a_camera_is_recorded_and_then_tracked(folder, monkeypatch):
     assert "there is no terminal to type q in" in refusal("0", "-o", "other", "--points", "points.json")
 
 
+def test_the_default_is_the_tables():
+    from evalkit.cli.track import track
+
+    (option,) = (option for option in track.params if option.name == "method")
+    assert option.default == trackers.DEFAULT and trackers.DEFAULT in trackers.trackers
+
+
 def test_all_trackers_speak_of_the_same_point_of_the_head(film):
     frames, points, _ = film
     started = {
