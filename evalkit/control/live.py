@@ -89,7 +89,7 @@ class LiveControl:
         self.first = None if out is None else self._with_pose(out)
 
     def step(self, frame: Picture) -> LiveFrame | None:
-        """The next frame in; out comes that of :attr:`latency` frames ago, or None in the beginning."""
+        """The next frame in; out comes that of ``latency`` frames ago, or None in the beginning."""
         pose = self._tracker.step(frame)
         frontal, _ = self._features.step(frame, pose)
         self._poses.append(pose)
