@@ -25,7 +25,7 @@ from evalkit.control.signal_windows import Layout, SignalStatus, anchored, over_
 from evalkit.errors import EvalkitError
 from evalkit.seeds import generator
 
-quick = settings(derandomize=True, deadline=None, max_examples=40, database=None)
+quick = settings(derandomize=True, deadline=None, max_examples=12, database=None)
 WINDOW = 8
 ROUND_OFF = 1e-9
 """Numbers of order 1 through an eigendecomposition of a matrix of inner products, which halves the digits of the

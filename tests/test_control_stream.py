@@ -58,7 +58,7 @@ def with_faults(signal, seed):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@settings(derandomize=True, deadline=None, max_examples=6, database=None)
+@settings(derandomize=True, deadline=None, max_examples=3, database=None)
 @given(seed=st.integers(0, 1000), rate=st.sampled_from([60.0, 30.0, 25.0, 100.0]), faulty=st.booleans())
 def test_frame_by_frame_is_all_at_once(base, kind, seed, rate, faulty):
     signal = performed(seed, 45)[0]

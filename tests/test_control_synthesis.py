@@ -15,7 +15,7 @@ from evalkit.control.synthesis import MAP_RIDGE, Synthesis, linear_map, synthesi
 from evalkit.errors import EvalkitError
 from evalkit.seeds import generator
 
-quick = settings(derandomize=True, deadline=None, max_examples=40, database=None)
+quick = settings(derandomize=True, deadline=None, max_examples=12, database=None)
 WINDOW = 6
 LAYOUT = Layout(window=WINDOW, latency=3, blend=4)
 
