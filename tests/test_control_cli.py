@@ -110,9 +110,10 @@ def test_a_character_does_what_the_parameters_say(world):
 
 
 def test_a_table_becomes_a_video(folder):
-    words = run("--from", "talk.csv", "--database", "db", "-o", "face.mp4", "--size", 96)
+    words = run("--from", "talk.csv", "--database", "db", "-o", "face.mp4", "--size", 96, "--sheet", "sheet.png")
     assert words.startswith("60 frames at 30 per second: 60 ok") and "wrote face.mp4" in words
     drawn = frames_of("face.mp4")
+    assert cv2.imread("sheet.png").shape == (2 * 96, 3 * drawn[0].shape[1], 3)
     assert len(drawn) == 60 and drawn[0].shape[0] == 96
     # Control: a face that stays as it is would draw one picture sixty times.
     assert max(np.abs(drawn[0].astype(int) - frame).mean() for frame in drawn) > 0.5

@@ -44,6 +44,9 @@ if TYPE_CHECKING:
 
 FILE = click.Path(path_type=Path)
 
+SHEET = 6
+"""Frames of ``--sheet``."""
+
 
 @click.command()
 @click.argument("source", required=False, metavar="VIDEO|FOLDER|CAMERA")
@@ -66,13 +69,14 @@ FILE = click.Path(path_type=Path)
 @click.option("--still", is_flag=True, help="Leave the head motion off.")
 @click.option("--alone", is_flag=True, help="The character without the video beside it.")
 @click.option("--size", default=480, show_default=True, metavar="PIXELS", help="Height of the video.")
+@click.option("--sheet", type=FILE, metavar="PNG", help="Also draw six frames, evenly spaced, into one picture.")
 @click.option("--coefficients", type=FILE, metavar="CSV", help="Also write coefficients of the head's own shapes.")
 @click.option("--json", "as_json", is_flag=True, help="Print what was done as JSON instead of text.")
 def control(
     source: str | None, table: Path | None, folder: Path, head_name: str, names: Path | None, identity: str | None,
     output: Path, points: Path | None, eyes: str | None, start: int, frames: int | None, rate: float | None,
     camera_fov: float | None, neutral: str | None, search: str | None, still: bool, alone: bool, size: int,
-    coefficients: Path | None, as_json: bool,
+    sheet: Path | None, coefficients: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
     """Let a character do what the face in VIDEO does.
 
@@ -90,7 +94,7 @@ def control(
     """
     if (source is None) == (table is None):
         raise click.UsageError("give a video or --from, and not both")
-    _check(output, size, start, search, [source, table, folder, points, coefficients], coefficients)
+    _check(output, size, start, search, [source, table, folder, points], sheet, coefficients)
     from evalkit.cli.compensate import working
     from evalkit.control.character import Character
     from evalkit.control.database import open_database
@@ -128,6 +132,9 @@ def control(
         if coefficients is not None:
             content["shapes"] = _write_coefficients(character, drawn.displacements, rate_hz, coefficients)
             written.append(str(coefficients))
+    if sheet is not None:
+        _write_sheet(drawn.pictures, sheet)
+        written.append(str(sheet))
     content["written"] = written
     click.echo(json.dumps(content, indent=2) if as_json else describe(content))
 
@@ -144,13 +151,17 @@ class Shot:
 
 @dataclass(frozen=True, eq=False)
 class Drawn:
-    """Displacements (F, M, 3), mm, and status (F,) of what was drawn."""
+    """Displacements (F, M, 3), mm, and status (F,) of what was drawn, and a few of the pictures."""
 
     displacements: Array
     status: NDArray[np.int8]
+    pictures: list[Picture]
 
 
-def _check(output: Path, size: int, start: int, search: str | None, inputs: Sequence[Any], more: Path | None) -> None:
+def _check(
+    output: Path, size: int, start: int, search: str | None, inputs: Sequence[Any], sheet: Path | None,
+    coefficients: Path | None,
+) -> None:  # fmt: skip
     """Refuse what cannot be done before any work is done."""
     from evalkit.control.search import searchers
     from evalkit.render.offscreen import require_offscreen
@@ -167,7 +178,9 @@ def _check(output: Path, size: int, start: int, search: str | None, inputs: Sequ
         raise EvalkitError(f"--search {search}: known are {', '.join(searchers)}")
     if start < 0:
         raise EvalkitError(f"--start {start}: frames count from 0")
-    for path in (output, more):
+    if sheet is not None and sheet.suffix.lower() != ".png":
+        raise EvalkitError(f"--sheet {sheet}: give the name of a .png file")
+    for path in (output, sheet, coefficients):
         if path is not None:
             if path.is_dir():
                 raise EvalkitError(f"{path}: is a folder, not a file")
@@ -282,6 +295,8 @@ def _draw(
     from evalkit.render.video_file import written_video
 
     made: list[Shot] = []
+    kept: list[Picture] = []
+    every = 1
     turn = np.eye(3)
     with (
         SideBySide(character.head, size + size % 2, video_size) as pair,
@@ -292,12 +307,30 @@ def _draw(
             if np.isfinite(shot.rotation).all() and not still:
                 turn = shot.rotation
             vertices = character.vertices(shot.displacements[None])[0]
-            add(pair.drawn(vertices, turn, shot.frame, shot.status == SignalStatus.LOST))
+            picture = pair.drawn(vertices, turn, shot.frame, shot.status == SignalStatus.LOST)
+            add(picture)
+            # Nobody knows how many come: as soon as there are twice as many as wanted, every other one goes.
+            if len(made) % every == 0:
+                kept.append(picture)
+            if len(kept) == 4 * SHEET:
+                kept, every = kept[::2], 2 * every
             made.append(replace(shot, frame=None))
             done(len(made))
     if not made:
         raise EvalkitError("there are no frames to draw")
-    return Drawn(np.stack([shot.displacements for shot in made]), np.array([s.status for s in made], dtype=np.int8))
+    status = np.array([shot.status for shot in made], dtype=np.int8)
+    return Drawn(np.stack([shot.displacements for shot in made]), status, kept)
+
+
+def _write_sheet(pictures: list[Picture], path: Path) -> None:
+    """Pictures evenly spaced, in two rows."""
+    import cv2
+
+    chosen = [pictures[k] for k in np.linspace(0, len(pictures) - 1, SHEET).round().astype(int)]
+    half = SHEET // 2
+    sheet = np.concatenate([np.concatenate(chosen[k : k + half], axis=1) for k in (0, half)], axis=0)
+    with _finished(path) as temporary:
+        temporary.write_bytes(cv2.imencode(".png", sheet)[1].tobytes())
 
 
 def _write_coefficients(character: Character, displacements: Array, rate_hz: float, path: Path) -> dict[str, Any]:
