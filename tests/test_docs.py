@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shlex
@@ -15,6 +16,7 @@ from click.testing import CliRunner
 
 import evalkit
 from evalkit.cli import app
+from evalkit.control.database import build_database
 from evalkit.deform.kernels import kernels
 from evalkit.figures import figures
 from evalkit.head.fit_report import FitReport
@@ -255,9 +257,10 @@ def first_cells(text: str) -> list[str]:
     return [name for row in rows for name in re.findall(r"`([^`]+)`", row)]
 
 
-def test_files_are_described_as_they_are_written():
+def test_files_are_described_as_they_are_written(tmp_path):
     take, truth = evalkit.synthesize("talking", frames=90)
-    written = summary(evalkit.compensate(take, rigid=list(truth.rigid)))
+    result = evalkit.compensate(take, rigid=list(truth.rigid))
+    written = summary(result)
     told = part("summary.json")
     assert first_cells(part("motion.csv")) == list(MOTION_COLUMNS)
     assert sorted(first_cells(told)) == sorted(written)
@@ -265,6 +268,10 @@ def test_files_are_described_as_they_are_written():
     assert not {key for key in inner if f"`{key}`" not in told}
     assert sorted(first_cells(part("truth.npz"))) == sorted([*ARRAYS, "facts"])
     assert not [column for column in SUMMARY_COLUMNS if f"`{column}`" not in part("What a study writes")]
+    build_database([result.capture], tmp_path / "db", compensated=True, rigid=truth.rigid)
+    manifest, told = json.loads((tmp_path / "db" / "takes.json").read_text()), part("takes.json")
+    assert sorted(first_cells(told)) == sorted(manifest)
+    assert not [key for key in (*manifest["options"], *manifest["takes"][0]) if f"`{key}`" not in told]
     assert sorted(first_cells(part("fit.json"))) == sorted(["points_from", *FitReport.__dataclass_fields__])
 
 
