@@ -99,11 +99,11 @@ def control(
     from evalkit.control.character import Character
     from evalkit.control.database import open_database
     from evalkit.control.signals import read_signal
-    from evalkit.control.stream import Settings
+    from evalkit.control.stream import VIDEO
     from evalkit.control.targets import target_head
 
     database = open_database(folder)
-    settings = Settings() if search is None else Settings(searcher=search)
+    settings = VIDEO if search is None else replace(VIDEO, searcher=search)
     signal = None if table is None else read_signal(table, rate)
     with working("making the head"):
         head = target_head(head_name, names, identity)

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from evalkit.control.database import Database
 from evalkit.control.signal_windows import SignalStatus
 from evalkit.control.signals import neutral_of_first, usable
-from evalkit.control.stream import Control, ControlFrame, Settings
+from evalkit.control.stream import VIDEO, Control, ControlFrame, Settings
 from evalkit.geometry import Array
 from evalkit.vision.camera import Camera
 from evalkit.vision.features import FeatureTracker
@@ -54,6 +54,7 @@ class LiveControl:
     points_px : array_like, shape (19, 2)
         The points in it.
     settings : Settings, optional
+        By default :data:`evalkit.control.stream.VIDEO`.
     tracker : HeadTracker, optional
 
     Attributes
@@ -82,7 +83,7 @@ class LiveControl:
         first = control_parameters(frontal[None], self._unit)
         self._neutral, self._spread = usable(neutral_of_first(first)), database.spread
         given = [name for name, value in zip(NAMES, self._neutral, strict=True) if np.isfinite(value)]
-        self._control = Control(database, rate_hz, settings, given)
+        self._control = Control(database, rate_hz, settings or VIDEO, given)
         self.latency = self._control.layout.latency
         self._poses = deque([pose])
         out = self._control.step(normalise(first, self._neutral, self._spread)[0])

@@ -24,7 +24,7 @@ from evalkit.control.database import Database, build_database
 from evalkit.control.live import LiveControl
 from evalkit.control.signals import Signal
 from evalkit.control.source import point_places
-from evalkit.control.stream import Control
+from evalkit.control.stream import PAPER, VIDEO, Control, Settings
 from evalkit.deform import deformation_map
 from evalkit.geometry import Array
 from evalkit.metrics import rms
@@ -47,7 +47,10 @@ OWN, OTHER = "own", "another's"
 
 CHAIN, LIVE, TRUE_POINTS, TRUE_MARKERS = "whole chain", "live", "true points", "true markers"
 POINTS, REST = "points alone", "rest"
-METHODS = (CHAIN, LIVE, TRUE_POINTS, TRUE_MARKERS, POINTS, REST)
+SETTINGS = {CHAIN: VIDEO, "corrected synthesis": Settings(), "paper's settings": PAPER}
+"""Ways to filter and to synthesise over a whole video."""
+
+METHODS = (*SETTINGS, LIVE, TRUE_POINTS, TRUE_MARKERS, POINTS, REST)
 """The chain over a whole video, and frame by frame; with the true 19 points in place of the tracked ones; with the true
 markers in place of the database; the tracked points without a database; a head that does not move."""
 
@@ -149,19 +152,19 @@ def run(data: Filmed, method: str) -> Driven:
         return Driven(data.character.vertices(data.markers).astype(np.float64))
     if method == TRUE_POINTS:
         parameters = control_parameters(truth.face_mm[:, :, :2], float(eye_distance(truth.neutral_mm[:, :2])))
-        return _controlled(data, Signal(parameters, truth.rotations, rate))
+        return _controlled(data, Signal(parameters, truth.rotations, rate), Settings())
     if method == LIVE:
         return _live(data)
     found = track(list(data.film.frames), truth.clicked_px, truth.camera, rate_hz=rate)
     if method == POINTS:
         return Driven(_by_points(data, found.frontal_mm))
-    return _controlled(data, Signal(found.parameters, found.head.rotations, rate))
+    return _controlled(data, Signal(found.parameters, found.head.rotations, rate), SETTINGS[method])
 
 
-def _controlled(data: Filmed, signal: Signal) -> Driven:
+def _controlled(data: Filmed, signal: Signal, settings: Settings) -> Driven:
     normalised, _ = signal.against_neutral(data.database.spread)
     given = [name for name, column in zip(NAMES, normalised.T, strict=True) if np.isfinite(column).any()]
-    moves = Control(data.database, signal.rate_hz, given=given).run(normalised).displacements
+    moves = Control(data.database, signal.rate_hz, settings, given).run(normalised).displacements
     return Driven(data.character.vertices(moves).astype(np.float64))
 
 
@@ -228,7 +231,7 @@ def applies(condition: Condition, method: str) -> bool:
     """True markers are those of the performer; what needs no database is measured once."""
     if condition["rows"] == LARGE:
         return method == LIVE
-    return condition["database"] == OWN or method in (CHAIN, TRUE_POINTS)
+    return condition["database"] == OWN or method in (*SETTINGS, TRUE_POINTS)
 
 
 _question, _finding = told(__doc__)
