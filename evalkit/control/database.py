@@ -34,9 +34,9 @@ FORMAT, VERSION = "evalkit motion database", 1
 MANIFEST = "takes.json"
 
 STILL = np.array([3.0 if p.unit == "deg" else 0.1 if p.form == "ratio" else 0.03 for p in PARAMETERS])
-"""Least spread of each parameter: degrees, parts of a length, eye distances (2 mm). It is about what parameters that are
-read from a video are wrong by (study ``parameters``): where a database moves less, a tracker's noise must not count for
-more than all that moves."""
+"""Least spread of each parameter: degrees, parts of a length, eye distances (2 mm). It is about what parameters that
+are read from a video are wrong by (study ``parameters``): where a database moves less, a tracker's noise must not count
+for more than all that moves."""
 
 ANSWER_S = 10.0
 """How long a scheduler may take to answer, s."""

@@ -66,9 +66,9 @@ long its segments are the notes on the paper do not say; 20 frames are a third o
 
 
 VIDEO = Settings(synthesiser="inverse distance")
-"""For parameters that a tracker reads from a video: what they are wrong by is slow and of the size of expressions, so that
-no filter takes it out, and a linear map carries it on to the markers. A mean of motions that the database has does not
-(study ``end-to-end``)."""
+"""For parameters that a tracker reads from a video: what they are wrong by is slow and of the size of expressions, so
+that no filter takes it out, and a linear map carries it on to the markers. A mean of motions that the database has does
+not (study ``end-to-end``)."""
 
 
 class ControlFrame(NamedTuple):
