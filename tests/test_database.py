@@ -493,3 +493,16 @@ def test_real_takes_make_a_database(tmp_path):
     # The take of the jaw opens it by centimetres, and the lip opening says so.
     assert opened.max() > 10.0
     assert np.corrcoef(opened, found.parameters[jaw.start : jaw.stop, NAMES.index("lip_opening")])[0, 1] > 0.8
+
+
+def test_a_take_that_the_command_writes_becomes_a_database(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    words = ["synth", "performer", "-o", "takes", "--seed", "4", "--set", "head=template 3000", "--set", "frames=240"]
+    assert "takes/performer-4.c3d" in CliRunner().invoke(app, words, catch_exceptions=False).output
+    truth = np.load("takes/performer-4.truth.npz")
+    built = build_database(["takes/performer-4.c3d"], tmp_path / "db", rigid=tuple(truth["rigid"]))
+    # The motion is in it: what is over bone hardly moves, the lips do.
+    size = np.abs(built.motions - built.motions.mean(axis=0)).max(axis=(0, 2))
+    assert size[built.labels.index("lower lip")] > 5.0 * size[built.labels.index("ForeheadM")]
+    with pytest.raises(EvalkitError, match="did you mean 'frames'"):
+        CliRunner().invoke(app, [*words, "--set", "frame=3"], catch_exceptions=False)

@@ -9,6 +9,7 @@ import click
 
 BUNDLED = "the bundled takes"
 VIDEO = "video-"
+PERFORMER = "performer"
 """How presets of filmed heads begin."""
 
 
@@ -38,12 +39,14 @@ def synth(
     """Make a synthetic capture: PRESET.c3d, PRESET.truth.npz and PRESET.json with parameters and checksums.
 
     A preset whose name begins with video- is a filmed head instead: PRESET.mp4, PRESET.truth.npz, PRESET.truth.csv,
-    PRESET.points.json (the 19 points of its first frame) and PRESET.json.
+    PRESET.points.json (the 19 points of its first frame) and PRESET.json. The preset performer is a take of a whole
+    face for a motion database, performer-SEED.c3d with its truth.
 
     \b
     Examples:
         evalkit synth talking -o takes --seed 3 --set noise=0.5 --set sway=20
         evalkit synth video-occluded -o videos --set frames=60 --set noise=4
+        evalkit synth performer -o takes --seed 1
         evalkit synth --check
     """
     from evalkit.synthetic import parse_overrides, write_synthetic
@@ -71,6 +74,10 @@ def synth(
             from evalkit.studies.filmed import parse_video_overrides, write_video
 
             written = write_video(preset, output, seed=seed, **parse_video_overrides(settings))
+        elif preset == PERFORMER:
+            from evalkit.studies.control_takes import parse_settings, write_control_take
+
+            written = write_control_take(output, seed, **parse_settings(settings))
         else:
             written = [*write_synthetic(preset, output, seed=seed, **parse_overrides(settings))]
         for path in written:
@@ -91,6 +98,7 @@ def _check(folder: str) -> None:
 
 
 def _list() -> None:
+    from evalkit.studies.control_takes import SETTINGS
     from evalkit.studies.filmed import VIDEO_PRESETS, VideoParameters
     from evalkit.synthetic import PRESETS, Parameters
     from evalkit.synthetic.parameters import FIELDS, setting
@@ -108,6 +116,9 @@ def _list() -> None:
             field = FIELDS[name]
             unit = f" ({field.unit})" if field.unit else ""
             click.echo(f"    {name:<16}{field.text}{unit} [{setting(getattr(default, name))}]")
+    click.echo("\nperformer: a take for a motion database (evalkit database build), with its own parameters")
+    for name, value in SETTINGS.items():
+        click.echo(f"    {name:<16}[{value}]")
     click.echo("\nfilmed heads")
     for name, video in VIDEO_PRESETS.items():
         click.echo(f"  {name:<16}{video.text}")

@@ -6,23 +6,28 @@ computed, so that takes of 70,000 frames cost seconds.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from evalkit.capture import Capture
+from evalkit.capture import Capture, write_capture
 from evalkit.deform.surface import edge_distance, edge_graph
 from evalkit.dense import Face, Performance, perform
 from evalkit.errors import EvalkitError
 from evalkit.geometry import Array, blocks
 from evalkit.head.model import Indices
+from evalkit.results import staged
 from evalkit.seeds import generator
 from evalkit.studies.dense_takes import dense_face
 from evalkit.studies.filmed_heads import missing_head, point_sources
 from evalkit.synthetic.faults import faulty_samples
 from evalkit.synthetic.motion import head_angles, minimum_jerk, rotations_from_angles
 from evalkit.synthetic.noise import add_noise
+from evalkit.synthetic.parameters import unknown
 from evalkit.synthetic.performer import PIVOT
 from evalkit.vision.points import FACE_POINTS
 
@@ -235,6 +240,59 @@ def _in_mood(face: Face, spoken: dict[str, Array], emotions: tuple[str, ...], we
     kept = dict(zip(face.units, (weights @ held).T, strict=True))
     # What is already drawn in goes the less further: full strength stays full strength.
     return {unit: kept[unit] + (1.0 - kept[unit]) * curve for unit, curve in spoken.items()}
+
+
+SETTINGS: dict[str, Any] = {
+    "head": "", "frames": 3600, "rate_hz": 60.0, "amplitude": 1.0, "motion_deg": 15.0, "noise_mm": 0.1, "gaps": 0.0,
+    "markers": MARKERS,
+}  # fmt: skip
+"""What :func:`write_control_take` can be told, and its defaults; see :func:`control_take`."""
+
+
+def parse_settings(settings: Iterable[str]) -> dict[str, Any]:
+    """Settings from ``name=value`` texts, as on a command line.
+
+    Raises
+    ------
+    EvalkitError
+        If a text has no ``=``, the name is not known, or the value does not read as its type.
+    """
+    found = {}
+    for text in settings:
+        name, equals, value = (part.strip() for part in text.partition("="))
+        if not equals:
+            raise EvalkitError(f"setting {text!r} is not of the form name=value")
+        if name not in SETTINGS:
+            raise EvalkitError(unknown("parameter", name, list(SETTINGS)))
+        try:
+            found[name] = type(SETTINGS[name])(value)
+        except ValueError:
+            kind = "a whole number" if isinstance(SETTINGS[name], int) else "a number"
+            raise EvalkitError(f"{name} = {value!r} does not read as {kind}") from None
+    return found
+
+
+def write_control_take(folder: str | Path, seed: int = 0, **settings: Any) -> list[Path]:
+    """Write a take for a motion database: ``performer-SEED.c3d``, and its truth as ``performer-SEED.truth.npz``.
+
+    The truth has rotations (F, 3, 3), translations (F, 3), expression (F, M, 3) and rest (M, 3), mm, and the labels of
+    the markers over bone.
+
+    Raises
+    ------
+    EvalkitError
+        If a setting does not fit or the folder cannot be written.
+    """
+    chosen = {**SETTINGS, **settings}
+    take = control_take(chosen.pop("head") or None, seed, **chosen)
+    stem = f"performer-{seed}"
+    with staged(Path(folder)) as stage:
+        write_capture(take.capture, stage / f"{stem}.c3d")
+        np.savez_compressed(
+            stage / f"{stem}.truth.npz", rotations=take.rotations, translations=take.translations,
+            expression=take.expression, rest=take.rest, rigid=np.array(take.rigid),
+        )  # fmt: skip
+    return [Path(folder) / f"{stem}.c3d", Path(folder) / f"{stem}.truth.npz"]
 
 
 def _places(performance: Performance, sources: list[Indices]) -> Array:
