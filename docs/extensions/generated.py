@@ -55,6 +55,16 @@ def kernels() -> str:
     return table(header, rows)
 
 
+def searches() -> str:
+    """Searches of a motion database."""
+    own = import_module("evalkit.control.search").searchers
+    rows = [
+        (f"`{name}`", method.text, "yes" if method.exact else "no", method.package, method.source)
+        for name, method in own.items()
+    ]
+    return table(("search", "what it does", "always the nearest", "needs", "source"), rows)
+
+
 def presets() -> str:
     """Presets of synthetic takes."""
     own = import_module("evalkit.synthetic.presets").OWN
@@ -211,7 +221,8 @@ def tutorials() -> str:
 GENERATORS: dict[str, Callable[..., str]] = {
     function.__name__: function
     for function in (
-        methods, kernels, presets, parameters, studies, commands, figures, public, modules, changelog, tutorials
+        methods, kernels, searches, presets, parameters, studies, commands, figures, public, modules, changelog,
+        tutorials,
     )
 }  # fmt: skip
 
