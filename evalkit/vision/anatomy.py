@@ -47,8 +47,9 @@ KINDS = {
     "upper lid": Kind("upper lids", (0.2, 8.0), 0.0, (0.0, 2.0), (5.0, 3.0)),
     "lower lid": Kind("lower lids", (0.2, 4.0), 0.0, (0.0, -4.0), (6.0, 3.0)),
     "nose": Kind("nose", (2.0, 2.0), 0.1, (0.0, 0.0), (5.0, 5.0)),
-    "upper lip": Kind("mouth", (4.0, 4.0), 0.05, (0.0, 0.0), (6.0, 5.0)),
-    "lower lip": Kind("mouth", (4.0, 14.0), 0.05, (0.0, 0.0), (6.0, 5.0)),
+    # The skin beyond the lips counts more: what opens between them is teeth, tongue or dark.
+    "upper lip": Kind("mouth", (4.0, 4.0), 0.05, (0.0, 3.0), (6.0, 5.0)),
+    "lower lip": Kind("mouth", (4.0, 14.0), 0.05, (0.0, -3.0), (6.0, 5.0)),
     "mouth": Kind("mouth", (6.0, 6.0), 0.05, (0.0, 0.0), (5.0, 5.0)),
 }
 """First words of a point's name -> its kind. Ways: brows are raised by 10 and drawn together by 5 mm, lids close by 10
@@ -88,6 +89,8 @@ MIRRORED = np.array([_WITHOUT_SIDE.index(name) for name in _WITHOUT_SIDE])
 LIDS = [[FACE_POINTS.index(f"{lid} lid {side}") for lid in ("upper", "lower")] for side in SIDES]
 CORNERS = [[FACE_POINTS.index(f"eye {end} {side}") for end in ("inner", "outer")] for side in SIDES]
 """Numbers of the lids and of the corners of each eye."""
+
+LIPS = [FACE_POINTS.index(f"{lip} lip") for lip in ("upper", "lower")]
 
 
 def ways_precision() -> Array:

@@ -69,6 +69,8 @@ class References:
         0 for the neutral face; one more than that of the reference by which it was found; -1 where there is none.
     coarse : ndarray, shape (19, REFERENCES, pixels)
         Patches at half resolution.
+    relative : ndarray, shape (19, REFERENCES)
+        :func:`relative_contrast` of those.
     texture : ndarray, shape (19, REFERENCES, pixels)
     descent : ndarray, shape (19, REFERENCES, 6, pixels)
         Weighted change of the patch with x, y and the four entries of the matrix.
@@ -83,6 +85,7 @@ class References:
         self.generation = np.full(size, -1)
         self._used = np.zeros(size, dtype=int)
         self.coarse = np.zeros((*size, (2 * COARSE + 1) ** 2), dtype=np.float32)
+        self.relative = np.zeros(size, dtype=np.float32)
         self.texture = np.zeros((*size, (2 * HALF + 1) ** 2), dtype=np.float32)
         self.descent = np.zeros((*size, 6, (2 * HALF + 1) ** 2), dtype=np.float32)
         self.moves = np.zeros((*size, 2, 2))
@@ -123,7 +126,9 @@ class References:
         self.mixed[at], self.form[at], self.cross[at] = mixed, form, cross
         self.texture[at], self.descent[at] = texture, descent
         coarse = _read(half, place / 2 - 0.25, still, *_COARSE_GRID)
-        self.coarse[at] = normalised(coarse, COARSE_WEIGHT[points])[0]
+        self.coarse[at], contrast = normalised(coarse, COARSE_WEIGHT[points])
+        mean = (COARSE_WEIGHT[points] * coarse).sum(axis=1)
+        self.relative[at] = relative_contrast(mean, contrast[:, 0])
         self.generation[at] = generation
         self._used[at] = clock
 
@@ -151,3 +156,8 @@ def normalised(patches: Map, weight: Map) -> tuple[Map, Map]:
     centred = patches - (weight * patches).sum(axis=1, keepdims=True)
     contrast = np.sqrt((weight * centred**2).sum(axis=1, keepdims=True) + np.float32(FLOOR**2))
     return centred / contrast, contrast
+
+
+def relative_contrast(mean: Map, contrast: Map) -> Map:
+    """Logarithm of a patch's contrast over its brightness (Weber), which a gain of the light does not change."""
+    return np.asarray(np.log(contrast / (mean + np.float32(FLOOR))), dtype=np.float32)
