@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from evalkit.compensation import compensate
+from evalkit.control.stream import Control
 from evalkit.head import Head
 from evalkit.head.fit_report import FitReport
 from evalkit.head.fitting import fit_head
@@ -23,6 +24,7 @@ from evalkit.metrics import expression_error_mm, rms, rotation_error_deg
 from evalkit.pivot import Pivot, pivot_estimators
 from evalkit.pose import Pose, pose_estimators, reference_pose
 from evalkit.seeds import generator
+from evalkit.studies.control_examples import Examples, examples
 from evalkit.studies.filmed import FilmedHead, VideoParameters, film
 from evalkit.studies.persons import Person, blank_photo, face_off_mm, landmarks_off_mm, person
 from evalkit.studies.takes import PAPER, HeadTake, estimate_pivot, head_take, own, score_pivot, told
@@ -72,7 +74,16 @@ FILMED = VideoParameters(head="template-small", frames=30, width=180, height=144
 FOLLOWERS = ("learnt-relief", "cylinder")
 """Trackers; their error is the mean of the three axes'."""
 
-Data = HeadTake | Person | Task | FilmedHead
+CONTROL = "control"
+"""The preset that is a motion database, and control parameters of another performance with noise."""
+
+NOISE = 0.3
+"""Of those parameters, in spreads of the database."""
+
+STEPS = ("filter", "markers")
+"""Errors of the filtered parameters over their noise, and of the markers over their motion."""
+
+Data = HeadTake | Person | Task | FilmedHead | Examples
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +99,8 @@ class Found:
 
 def prepare(seed: int, preset: str) -> Data:
     """A short take, a person, a video, or a character with its own examples and some shapes to be made."""
+    if preset == CONTROL:
+        return examples("held out", seed, "template 3000", 1500, 120)
     if preset == FILM:
         return film(FILMED, seed)
     if preset == CHARACTER:
@@ -106,10 +119,12 @@ def fitted(who: Person) -> tuple[Head, FitReport]:
 def run(data: Data, method: str) -> Found:
     """One method.
 
-    ``rotation NAME``, ``pivot NAME``, ``expression NAME``, ``transfer NAME``, ``track NAME``, or the measure
-    ``fit NAME`` of a fit.
+    ``rotation NAME``, ``pivot NAME``, ``expression NAME``, ``transfer NAME``, ``track NAME``, ``control NAME``, or the
+    measure ``fit NAME`` of a fit.
     """
     kind, _, name = method.partition(" ")
+    if isinstance(data, Examples):
+        return Found(error=_controlled(data)[STEPS.index(name)])
     if isinstance(data, FilmedHead):
         return Found(tracked=track(TRACKERS[name], data))
     if isinstance(data, Task):
@@ -124,6 +139,15 @@ def run(data: Data, method: str) -> Found:
         return Found(pivot=estimate_pivot(data, name))
     options: dict[str, Any] = {"rigid": list(data.truth.rigid), **COMPENSATIONS[name]}
     return Found(points=compensate(data.take, **options).capture.points)
+
+
+@lru_cache(maxsize=1)
+def _controlled(data: Examples) -> tuple[float | None, float | None]:
+    """Errors of both steps."""
+    noise = NOISE * generator("noise of the gate").standard_normal(data.signal.shape)
+    found = Control(data).run(data.signal + noise)
+    left = (found.parameters - data.signal)[:, data.known]
+    return over(rms(left), rms(noise[:, data.known])), over(rms(found.displacements - data.truth), rms(data.truth))
 
 
 def score(data: Data, found: Found) -> dict[str, Any]:
@@ -144,7 +168,7 @@ def score(data: Data, found: Found) -> dict[str, Any]:
 def applies(condition: Condition, method: str) -> bool:
     """What is slow, on the one preset that it is about."""
     kind, _, name = method.partition(" ")
-    for own_preset, own_kind in ((PERSON, "fit"), (CHARACTER, "transfer"), (FILM, "track")):
+    for own_preset, own_kind in ((PERSON, "fit"), (CHARACTER, "transfer"), (FILM, "track"), (CONTROL, "control")):
         if condition["preset"] == own_preset or kind == own_kind:
             return condition["preset"] == own_preset and kind == own_kind
     if name == "auto":
@@ -158,7 +182,7 @@ study = Study(
     name="regression",
     question=_question,
     finding=_finding,
-    axes={"preset": ("talking", "sway", "small-motion", "gaps", "outliers", "skin", PERSON, CHARACTER, FILM)},
+    axes={"preset": ("talking", "sway", "small-motion", "gaps", "outliers", "skin", PERSON, CHARACTER, FILM, CONTROL)},
     methods=(
         *(f"rotation {name}" for name in own(pose_estimators)),
         *(f"pivot {name}" for name in (PAPER, *own(pivot_estimators))),
@@ -166,6 +190,7 @@ study = Study(
         *(f"fit {name}" for name in FITS),
         *(f"transfer {name}" for name in TRANSFERS),
         *(f"track {name}" for name in FOLLOWERS),
+        *(f"control {name}" for name in STEPS),
     ),
     prepare=prepare,
     run=run,
@@ -173,7 +198,7 @@ study = Study(
     columns={
         "error": "rotation error, deg rms; pivot error, mm; expression error, mm rms; of a fit to a photo, "
         "pixels rms or mm rms: as the method's name says; of a transfer, rms error over that of the rough shapes; "
-        "of a video's head, mean of three axes, deg",
+        "of a video's head, mean of three axes, deg; of control, over the noise and over the motion",
     },
     statistics=(root_mean_square("error", "error", ""),),
     full=Budget(seeds=12),
