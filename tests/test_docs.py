@@ -16,6 +16,7 @@ from click.testing import CliRunner
 
 import evalkit
 from evalkit.cli import app
+from evalkit.cli.synth import PERFORMER
 from evalkit.control.database import build_database
 from evalkit.deform.kernels import kernels
 from evalkit.figures import figures
@@ -24,6 +25,7 @@ from evalkit.pivot import pivot_estimators
 from evalkit.pose import pose_estimators
 from evalkit.results import MOTION_COLUMNS, summary
 from evalkit.studies import MODULES, studies
+from evalkit.studies.control_takes import SETTINGS
 from evalkit.study.command import options as study_options
 from evalkit.study.table import SUMMARY_COLUMNS
 from evalkit.synthetic import PRESETS
@@ -103,10 +105,12 @@ def wrong_names(given: dict, path: str) -> str:
     for key, table in tables.items():
         value = given.get(key)
         # A word in capitals stands for a name; the presets of another package are its own.
+        there = (*(table or ()), PERFORMER, "example")
         for name in value if isinstance(value, tuple) else (value,):
-            if table is not None and isinstance(name, str) and not name.isupper() and name not in (*table, "example"):
+            if table is not None and isinstance(name, str) and not name.isupper() and name not in there:
                 wrong.append(f"no {key} {name}")
-    wrong += [f"no parameter {s}" for s in given.get("settings") or () if s.partition("=")[0] not in FIELDS]
+    known = SETTINGS if given.get("preset") == PERFORMER else FIELDS
+    wrong += [f"no parameter {s}" for s in given.get("settings") or () if s.partition("=")[0] not in known]
     if path == "study run":
         asked = [studies[name] for name in given["names"] if name in studies]
         for axis in given["axes"]:
@@ -134,6 +138,7 @@ def test_every_command_exists(path):
         "evalkit head built",
         "evalkit synth talkin -o takes",
         "evalkit synth talking -o takes --set noises=1",
+        "evalkit synth performer -o takes --set noise=1",
         "evalkit study run pivot-nose",
         "evalkit study run pivot-noise --budget medium",
         "evalkit study run pivot-noise --axis sway_mm=1",
