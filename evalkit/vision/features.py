@@ -1,8 +1,9 @@
 """The 19 points followed through the frontal view: an affine motion of a patch about each, by its grey levels.
 
 Every patch is compared with its key references: pictures of the same patch in the first frame and in expressions met
-since. A coarse search over all places within reach and all references gives the start; from there Gauss-Newton in its
-inverse compositional form (Baker & Matthews 2004, doi:10.1023/B:VISI.0000011205.11775.fd) finds the affine motions. It
+since. A coarse search over all places within reach and all references, by correlation and by contrast, gives the
+start; from there Gauss-Newton in its inverse compositional form (Baker & Matthews 2004,
+doi:10.1023/B:VISI.0000011205.11775.fd) finds the affine motions. It
 minimises, over the grey levels less their mean and over their standard deviation::
 
     sum_i t_i sum_g w_i(g) (I(p_i + A_i g) - T_i(g))^2 + r (p - m)' C^-1 (p - m) + r sum_i |A_i - 1|^2 / s_i^2
