@@ -26,6 +26,7 @@ from evalkit.pose import pose_estimators
 from evalkit.results import MOTION_COLUMNS, summary
 from evalkit.studies import MODULES, studies
 from evalkit.studies.control_takes import SETTINGS
+from evalkit.studies.filmed import VIDEO_PRESETS, VideoParameters
 from evalkit.study.command import options as study_options
 from evalkit.study.table import SUMMARY_COLUMNS
 from evalkit.synthetic import PRESETS
@@ -98,18 +99,19 @@ def studies_by_module() -> dict[str, str]:
 def wrong_names(given: dict, path: str) -> str:
     """Names that are in no table: of studies, figures, presets, estimators, kernels, axes, methods, parameters."""
     tables = {
-        "pose": pose_estimators, "pivot": pivot_estimators, "kernel": kernels, "preset": PRESETS,
+        "pose": pose_estimators, "pivot": pivot_estimators, "kernel": kernels,
+        "preset": (*PRESETS, *VIDEO_PRESETS, PERFORMER),
         "names": figures if path == "figures" else studies, "name": studies if path == "study show" else None,
     }  # fmt: skip
     wrong = []
     for key, table in tables.items():
         value = given.get(key)
         # A word in capitals stands for a name; the presets of another package are its own.
-        there = (*(table or ()), PERFORMER, "example")
         for name in value if isinstance(value, tuple) else (value,):
-            if table is not None and isinstance(name, str) and not name.isupper() and name not in there:
+            if table is not None and isinstance(name, str) and not name.isupper() and name not in (*table, "example"):
                 wrong.append(f"no {key} {name}")
-    known = SETTINGS if given.get("preset") == PERFORMER else FIELDS
+    preset = given.get("preset")
+    known = SETTINGS if preset == PERFORMER else vars(VideoParameters()) if preset in VIDEO_PRESETS else FIELDS
     wrong += [f"no parameter {s}" for s in given.get("settings") or () if s.partition("=")[0] not in known]
     if path == "study run":
         asked = [studies[name] for name in given["names"] if name in studies]
@@ -139,6 +141,8 @@ def test_every_command_exists(path):
         "evalkit synth talkin -o takes",
         "evalkit synth talking -o takes --set noises=1",
         "evalkit synth performer -o takes --set noise=1",
+        "evalkit synth video-talkin -o videos",
+        "evalkit synth video-talking -o videos --set sway=1",
         "evalkit study run pivot-nose",
         "evalkit study run pivot-noise --budget medium",
         "evalkit study run pivot-noise --axis sway_mm=1",
