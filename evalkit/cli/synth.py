@@ -9,8 +9,10 @@ import click
 
 BUNDLED = "the bundled takes"
 VIDEO = "video-"
-PERFORMER = "performer"
 """How presets of filmed heads begin."""
+
+PERFORMER = "performer"
+"""The preset that is a take for a motion database."""
 
 
 @click.command()

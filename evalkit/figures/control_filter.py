@@ -53,6 +53,7 @@ def draw(table: Table) -> Any:
         plain_log(bottom.xaxis, 0.05, 1.5)
         bottom.set_xlabel("error, spreads")
     panels[0, 0].set_ylabel("error, spreads")
+    panels[1, 0].set_ylabel("kind of fault")
     lettered(panels.ravel())
     keyed(made, table, panels[0], ncols=4)
     return made

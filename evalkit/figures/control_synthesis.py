@@ -45,6 +45,8 @@ def draw(table: Table) -> Any:
         lines(panel, names)
         plain_log(panel.xaxis, 0.8 * found["value"].min(), 1.25 * found["value"].max())
         panel.set_xlabel("marker error, mm rms")
+    for panel, what in zip(panels, ("motion and noise", "what is varied"), strict=True):
+        panel.set_ylabel(what)
     lettered(panels)
     keyed(made, table, panels, ncols=4)
     return made

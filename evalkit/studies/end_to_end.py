@@ -39,8 +39,11 @@ from evalkit.vision.parameters import NAMES, control_parameters, eye_distance
 from evalkit.vision.points import FACE_POINTS
 from evalkit.vision.track import track
 
-PERFORMERS = {"template-small": "template 3000", "makehuman-photo": "makehuman", "ict-photo": "ict"}
-"""Filmed head -> the performer of the same shape."""
+PERFORMERS = {"template-small": "template 3000", "makehuman-photo": "makehuman"}
+"""Filmed head -> the performer of the same shape; ICT-FaceKit's head wears no markers here."""
+
+OTHERS = {"template-small": "makehuman", "makehuman-photo": "template", "ict-photo": "template 3000"}
+"""Filmed head -> another performer."""
 
 OWN, OTHER = "own", "another's"
 """Whose motion the database holds: that of the head in the video, in other performances, or somebody else's."""
@@ -101,7 +104,8 @@ def conditions(axes: Mapping[str, tuple[Scalar, ...]]) -> Iterator[Condition]:
     heads = heads_here("end-to-end", axes["head"])
     for head in heads:
         for performer in axes["database"]:
-            yield {**usual, "head": head, "database": performer}
+            if performer == OTHER or head in PERFORMERS:
+                yield {**usual, "head": head, "database": performer}
     for rows in axes["rows"][1:]:
         yield {**usual, "head": heads[0], "rows": rows}
 
@@ -111,17 +115,15 @@ def prepare(seed: int, head: str, database: str, rows: int, frames: int, size: s
     width, height = map(int, size.split("x"))
     parameters = VideoParameters(head=head, frames=frames, width=width, height=height)
     seen, performance = film(parameters, seed), acted(parameters, seed)
-    own = PERFORMERS[head]
-    performer = own if database == OWN else "template" if own == "makehuman" else "template 3000"
-    if database == OTHER and own.startswith("template"):
-        performer = "makehuman"
+    performer = (PERFORMERS if database == OWN else OTHERS)[head]
     base = motion_database(performer, rows)
     character = character_of(performer, rows, head)
     truth = performance.vertices()
     markers = np.empty((0, 0, 3))
     if database == OWN:
-        worn = [truth[:, vertices].mean(axis=1) for vertices in marker_sources(own).values()]
-        at_rest = [performance.face.head.vertices[which].mean(axis=0) for which in marker_sources(own).values()]
+        sources = marker_sources(performer).values()
+        worn = [truth[:, which].mean(axis=1) for which in sources]
+        at_rest = [performance.face.head.vertices[which].mean(axis=0) for which in sources]
         markers = np.stack(worn, axis=1) - np.stack(at_rest)
     return Filmed(seen, truth, markers, base, character)
 
@@ -231,7 +233,10 @@ def applies(condition: Condition, method: str) -> bool:
     """True markers are those of the performer; what needs no database is measured once."""
     if condition["rows"] == LARGE:
         return method == LIVE
-    return condition["database"] == OWN or method in (*SETTINGS, TRUE_POINTS)
+    own = condition["database"] == OWN
+    return (
+        own or method in (*SETTINGS, TRUE_POINTS) or (method in (POINTS, REST) and condition["head"] not in PERFORMERS)
+    )
 
 
 _question, _finding = told(__doc__)
