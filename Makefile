@@ -15,6 +15,8 @@ DEMO ?= demo
 OLDEST ?= .venv-oldest
 OLDEST_PYTHON ?= python3.11
 FIGURES ?= figures
+# Two workers on two cores: threads of BLAS would spend most of their time waiting for each other.
+ONE_THREAD := OMP_NUM_THREADS=1
 
 .PHONY: demo docs notebooks figures bench test test-slow studies regress test-oldest package lint types check lab clean
 
@@ -38,7 +40,7 @@ demo: $(VENV)/installed
 	$(BIN)/evalkit demo -o $(DEMO)
 
 test: $(VENV)/installed-test lint types
-	$(BIN)/python -m pytest -n 2 --dist worksteal -m "not slow and not timing"
+	$(ONE_THREAD) $(BIN)/python -m pytest -n 2 --dist worksteal -m "not slow and not timing"
 	$(BIN)/python -m pytest -m "timing and not slow"
 
 test-slow: $(VENV)/installed-test
@@ -48,7 +50,7 @@ test-slow: $(VENV)/installed-test
 OLDEST_TESTS := tests/contracts/test_pose_contract.py tests/contracts/test_kernel_contract.py tests/test_cli.py \
   tests/test_render.py tests/test_report.py tests/test_study.py tests/test_doctests.py
 test-oldest: $(OLDEST)/installed-test
-	$(OLDEST)/bin/python -m pytest -n 2 --dist worksteal -m "not slow and not timing" \
+	$(ONE_THREAD) $(OLDEST)/bin/python -m pytest -n 2 --dist worksteal -m "not slow and not timing" \
 	  -W ignore::DeprecationWarning -W ignore::PendingDeprecationWarning $(OLDEST_TESTS)
 
 $(OLDEST)/installed-test: pyproject.toml constraints-oldest.txt
@@ -76,7 +78,7 @@ figures: $(VENV)/installed
 docs: $(VENV)/installed-docs notebooks
 	rm -rf build/docs
 	$(BIN)/sphinx-build --fail-on-warning --keep-going --nitpicky --jobs 2 --quiet docs build/docs
-	EVALKIT_SITE=build/docs $(BIN)/python -m pytest -n 2 -m "" tests/test_docs.py -k "site or entry or recipe"
+	EVALKIT_SITE=build/docs $(ONE_THREAD) $(BIN)/python -m pytest -n 2 -m "" tests/test_docs.py -k "site or entry or recipe"
 
 $(VENV)/installed-docs: pyproject.toml constraints.txt | $(BIN)/python
 	$(PIP) install $(PIP_FLAGS) -c constraints.txt -e '.[test,docs]'

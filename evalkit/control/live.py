@@ -16,6 +16,7 @@ from evalkit.geometry import Array
 from evalkit.vision.camera import Camera
 from evalkit.vision.features import FeatureTracker
 from evalkit.vision.parameters import NAMES, control_parameters, eye_distance, normalise
+from evalkit.vision.threads import one_thread
 from evalkit.vision.tracker import HeadPose, HeadTracker, Picture
 from evalkit.vision.trackers import DEFAULT, trackers
 
@@ -91,11 +92,12 @@ class LiveControl:
 
     def step(self, frame: Picture) -> LiveFrame | None:
         """The next frame in; out comes that of ``latency`` frames ago, or None in the beginning."""
-        pose = self._tracker.step(frame)
-        frontal, _ = self._features.step(frame, pose)
-        self._poses.append(pose)
-        row = normalise(control_parameters(frontal[None], self._unit), self._neutral, self._spread)[0]
-        out = self._control.step(row)
+        with one_thread():
+            pose = self._tracker.step(frame)
+            frontal, _ = self._features.step(frame, pose)
+            self._poses.append(pose)
+            row = normalise(control_parameters(frontal[None], self._unit), self._neutral, self._spread)[0]
+            out = self._control.step(row)
         return None if out is None else self._with_pose(out)
 
     def finish(self) -> list[LiveFrame]:

@@ -14,6 +14,7 @@ from evalkit.geometry import Array
 from evalkit.vision.camera import Camera
 from evalkit.vision.features import FeatureTracker
 from evalkit.vision.parameters import control_parameters, eye_distance
+from evalkit.vision.threads import one_thread
 from evalkit.vision.tracker import HeadPose, HeadTrack, HeadTracker, Picture, TrackStatus
 from evalkit.vision.trackers import DEFAULT, trackers
 from evalkit.vision.video import Video
@@ -100,7 +101,8 @@ def track(
         raise EvalkitError("the video has no frames")
     points = np.asarray(points_px, dtype=np.float64)
     seen_by = camera or Camera.assumed_for(first.shape[1], first.shape[0])
-    poses, found = _follow(first, frames, points, seen_by, tracker or trackers[method].build(), depth, progress)
+    with one_thread():
+        poses, found = _follow(first, frames, points, seen_by, tracker or trackers[method].build(), depth, progress)
     frontal, confidence, pixels, slopes, offsets = (np.array(values) for values in zip(*found, strict=True))
     frontal += (offsets[-1] - offsets)[:, :, None] * slopes
     unit = float(eye_distance(frontal[0]))
