@@ -78,6 +78,7 @@ MODULES = (
     "factorisation",
     "control_filter",
     "control_synthesis",
+    "end_to_end",
 )
 """Files of this folder that are figures, in the order of the paper that they would make; ``figures`` is the table of
 them, name to module. They are imported when it is first looked at."""

@@ -2,9 +2,17 @@
 
 Question: how far from the truth are the vertices of a head that a video drives, and which step is to blame?
 
-Finding: to be measured.
+Finding: a video and a database of the same performer leave 0.48 (MakeHuman's head in a portrait) and 0.38 (the built-in
+head) of the motion of all vertices as error, 1.8 and 1.6 mm; two seeds. Most of it is not the video's: with the true
+markers in place of everything before them, what is left of the way onto the head is 0.37 and 0.31, with the true 19
+points it is 0.43 and 0.35. The 19 tracked points alone, without a database, leave 0.84 and 0.85, but have the lips'
+opening as well or better (2.6 and 1.7 mm against 2.9 and 2.4). Another performer's database leaves 0.47, 0.64 and, on
+ICT-FaceKit's head, 0.58; there the lips' opening is off by 6.0 mm. The synthesis that is best on clean signals, with
+its linear correction, is worse on every tracked video (0.68 to 0.82), and the paper's own settings lie between (0.45 to
+0.71): what a tracker is wrong by is slow and as large as expressions, and a linear map carries it on. Frame by frame
+(live) costs nothing (0.49 and 0.39). Constants of the chain were chosen on seeds 100 and 101.
 
-Command: ``evalkit study run end-to-end --budget full``
+Command: ``evalkit study run end-to-end --budget full --seeds 2``
 """
 
 from __future__ import annotations
