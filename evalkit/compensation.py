@@ -205,6 +205,10 @@ def compensate(
     >>> [round(float(points.std(axis=0).mean()), 1) for points in (take.points, result.capture.points)]
     [20.8, 1.5]
     """
+    if not isinstance(take, Capture):
+        raise EvalkitError(
+            f"compensate takes a Capture, not {type(take).__name__}: read a file by evalkit.read_capture"
+        )
     estimator = _lookup(pose_estimators, pose, "pose estimator")
     finder = _lookup(pivot_estimators, pivot, "pivot estimator")
     _check_sway(sway)

@@ -531,3 +531,8 @@ def test_control_sound_takes_have_no_displaced_samples(preset):
     take, truth = evalkit.synthesize(preset, seed=2, frames=300)
     result = evalkit.compensate(take, truth.rigid)
     assert not [warning for warning in result.warnings if "displaced" in warning]
+
+
+def test_a_path_is_no_capture():
+    with pytest.raises(EvalkitError, match="not str: read a file by evalkit.read_capture"):
+        evalkit.compensate("take.c3d")

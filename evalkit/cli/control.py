@@ -107,6 +107,10 @@ def control(
     signal = None if table is None else read_signal(table, rate)
     with working("making the head"):
         head = target_head(head_name, names, identity)
+    if coefficients is not None:
+        from evalkit.control.shape_coefficients import shape_names
+
+        shape_names(head)
     video: Video | None = None
     notes: list[str] = []
     shots: Iterator[Shot]

@@ -113,11 +113,7 @@ def fit_shapes(head: Head, bases: TargetBases, coefficients: ArrayLike) -> Shape
     doi:10.1007/s10208-013-9150-3.
     """
     skin = head.skin_vertices
-    names = tuple(name for name in head.blendshapes if not name.startswith(IDENTITY) and _moves_skin(head, name, skin))
-    if not names:
-        raise EvalkitError(
-            f"{head.name}: it has no shapes to give coefficients of; take a head with shapes, as makehuman"
-        )
+    names = shape_names(head)
     given = np.asarray(coefficients, dtype=np.float64)
     if given.ndim != 2 or given.shape[1] != len(bases.bases) or bases.rest.shape != head.vertices.shape:
         raise EvalkitError(
@@ -141,6 +137,23 @@ def _moves_skin(head: Head, name: str, skin: Indices) -> bool:
     which, moves = head.blendshapes[name]
     squares = (moves**2).sum(axis=1)
     return bool(squares[np.isin(which, skin)].sum() > ON_SKIN * squares.sum())
+
+
+def shape_names(head: Head) -> tuple[str, ...]:
+    """Names of the shapes that coefficients are given of: all that move skin and do not make the head another person.
+
+    Raises
+    ------
+    EvalkitError
+        If it has none.
+    """
+    skin = head.skin_vertices
+    names = tuple(name for name in head.blendshapes if not name.startswith(IDENTITY) and _moves_skin(head, name, skin))
+    if not names:
+        raise EvalkitError(
+            f"{head.name}: it has no shapes to give coefficients of; take a head with shapes, as makehuman"
+        )
+    return names
 
 
 def bounded(gram: Array, right: Array) -> Array:
