@@ -42,6 +42,7 @@ def world(tmp_path_factory):
     table = pd.DataFrame(frontal_markers(acted.still).parameters, columns=list(NAMES))
     table.insert(0, "time_s", np.arange(60) / RATE_HZ)
     table.to_csv(folder / "talk.csv", index=False)
+    table[:24].to_csv(folder / "start.csv", index=False)
     painter, random = Painter(generator("painted face")), generator("sensor")
     rotation, translation = np.eye(3), np.array([0.0, -5.0, -DISTANCE_MM - 100.0])
     with written_video(folder / "talk.mp4", (WIDTH, HEIGHT), 20.0, crf=8) as add:
@@ -110,12 +111,12 @@ def test_a_character_does_what_the_parameters_say(world):
 
 
 def test_a_table_becomes_a_video(folder):
-    words = run("--from", "talk.csv", "--database", "db", "-o", "face.mp4", "--size", 96, "--sheet", "sheet.png")
-    assert words.startswith("60 frames at 30 per second: 60 ok") and "wrote face.mp4" in words
+    words = run("--from", "start.csv", "--database", "db", "-o", "face.mp4", "--size", 96, "--sheet", "sheet.png")
+    assert words.startswith("24 frames at 30 per second: 24 ok") and "wrote face.mp4" in words
     drawn = frames_of("face.mp4")
     assert cv2.imread("sheet.png").shape == (2 * 96, 3 * drawn[0].shape[1], 3)
-    assert len(drawn) == 60 and drawn[0].shape[0] == 96
-    # Control: a face that stays as it is would draw one picture sixty times.
+    assert len(drawn) == 24 and drawn[0].shape[0] == 96
+    # Control: a face that stays as it is would draw one picture again and again.
     assert max(np.abs(drawn[0].astype(int) - frame).mean() for frame in drawn) > 0.5
 
 

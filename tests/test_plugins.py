@@ -133,6 +133,7 @@ def test_command_line_lists_and_uses_the_example(example, tmp_path):
     assert (theirs[1:] * ours[:-1].inv()).magnitude().max() > 1e-3
 
 
+@pytest.mark.slow
 def test_contract_holds_for_the_example(example):
     """The contract tests take their entries from the tables: with the package there, they run over it, too."""
     ran = fresh(
