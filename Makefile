@@ -48,7 +48,7 @@ test-slow: $(VENV)/installed-test
 
 # Warnings of old packages about newer ones that they use are not evalkit's.
 OLDEST_TESTS := tests/contracts/test_pose_contract.py tests/contracts/test_kernel_contract.py tests/test_cli.py \
-  tests/test_render.py tests/test_report.py tests/test_study.py tests/test_doctests.py
+  tests/test_render.py tests/test_study.py tests/test_doctests.py
 test-oldest: $(OLDEST)/installed-test
 	$(ONE_THREAD) $(OLDEST)/bin/python -m pytest -n 2 --dist worksteal -m "not slow and not timing" \
 	  -W ignore::DeprecationWarning -W ignore::PendingDeprecationWarning $(OLDEST_TESTS)
