@@ -85,6 +85,17 @@ def test_both_sides_move_as_in_a_mirror(roll_deg):
     assert np.array_equal(editing.places["mouth corner right"], at)
 
 
+def test_eyes_in_one_place_do_not_stop_the_mirror():
+    editing = begun()
+    for name in ("pupil left", "pupil right"):
+        editing.move(name, (0.0, 0.0))
+    editing.symmetric = True
+    before = editing.places["brow inner right"]
+    editing.move("brow inner left", (230.0, 190.0))
+    assert np.isfinite(list(editing.places.values())).all()
+    assert not np.array_equal(editing.places["brow inner right"], before)
+
+
 @given(
     st.lists(st.tuples(st.sampled_from(POINTS), st.floats(-50, 500), st.floats(-50, 500), st.booleans()), max_size=12)
 )

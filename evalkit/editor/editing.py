@@ -157,8 +157,12 @@ class Editing:
         if not pairs:
             # Nothing else to go by: the middle between the two as they are.
             pairs = [tuple(self.places[str(name)] for name in sorted(map(str, without)))]  # type: ignore[list-item]
-        across = sum((a - b) / np.linalg.norm(a - b) for a, b in pairs)
-        normal = across / np.linalg.norm(across)
+        ways = np.array([a - b for a, b in pairs])
+        lengths = np.linalg.norm(ways, axis=1, keepdims=True)
+        # A pair in one place has no direction; where none has, or they cancel, the face is taken to be upright.
+        across = np.divide(ways, lengths, out=np.zeros_like(ways), where=lengths > 0).sum(axis=0)
+        size = np.linalg.norm(across)
+        normal = across / size if size > 1e-9 else np.array([1.0, 0.0])
         middle = np.mean([0.5 * (a + b) @ normal for a, b in pairs])
         return np.asarray(place - 2.0 * (place @ normal - middle) * normal)
 
