@@ -70,8 +70,7 @@ class Character:
     def vertices(self, displacements_mm: ArrayLike, out: NDArray[np.float32] | None = None) -> NDArray[np.float32]:
         """Positions (F, V, 3), mm, in the head's axes for displacements (F, M, 3), mm, of the markers; NaN: at rest."""
         moves = np.nan_to_num(np.asarray(displacements_mm, dtype=np.float64))
-        found = self.retargeting.bases.vertices(self.coefficients(moves), out)
-        return found
+        return self.retargeting.bases.vertices(self.coefficients(moves), out)
 
     def coefficients(self, displacements_mm: ArrayLike) -> Array:
         """Of the bases, (F, L), for displacements (F, M, 3), mm."""

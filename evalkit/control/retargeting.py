@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -215,7 +216,11 @@ class Retargeting:
         if given.ndim != 3 or given.shape[1] * given.shape[2] != self.markers.shape[1]:
             markers = self.markers.shape[1] // 3
             raise EvalkitError(f"displacements have shape {given.shape}; expected (frames, {markers}, 3)")
-        return np.asarray(given.reshape(len(given), -1) @ np.linalg.pinv(self.markers))
+        return np.asarray(given.reshape(len(given), -1) @ self._inverse)
+
+    @cached_property
+    def _inverse(self) -> Array:
+        return np.asarray(np.linalg.pinv(self.markers))
 
     def vertices(self, coefficients: ArrayLike) -> NDArray[np.float32]:
         """Positions (F, V, 3), mm, of the head for coefficients (F, L)."""
